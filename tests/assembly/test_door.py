@@ -1,9 +1,6 @@
 """Parts of a user are checked where they are traced: name, result, the form it must have."""
 
-import os
 import re
-import subprocess
-import sys
 from typing import ClassVar
 
 import equinox as eqx
@@ -13,7 +10,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.assembly.door import build_part, expect
+from crinoid.assembly.door import build_part
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.system import OWN, check_steady
@@ -173,13 +170,6 @@ PLACES = {
 """How a function becomes a part, and what it is called in a message."""
 
 
-def test_further_arguments_of_a_part_may_have_any_names():
-    def built(rod, *, place, name, base):
-        return rod + place + name + base
-
-    assert build_part("load 0", int, built, 1, place=2, name=3, base=4) == 10
-
-
 VALUE = (
     r"got a traced array where Python needs its value \(test_door.py, line \d+\); must use "
     "jnp.where in place of if, and jax.numpy in place of numpy. "
@@ -196,66 +186,6 @@ def test_an_error_inside_a_part_is_refused_in_one_line(place, fault, line):
     assert re.search(f"{name}: {line}$", str(error))
     assert len(str(error).splitlines()) == 1
     assert (fault is asks) or isinstance(error.__cause__, KeyError)
-
-
-ONE, TWO, THREE, WINDOW = (rf"float64\[{size}\]" for size in ("1", "2", "3", "2, 2"))
-MISTAKES = [
-    (
-        controller(lambda seen: seen.time),
-        rf"Hold \(controller\) command: returned \(float64\[\], {TWO}\); must return "
-        rf"\({THREE}, {TWO}\), with a command for each of slide, heave, tilt",
-    ),
-    (controller(lambda seen: jnp.zeros(1)), rf"returned \({ONE}, "),
-    (controller(lambda seen: jnp.zeros(2, int)), r"returned \(int64\[2\], "),
-    (controller(lambda seen: jnp.zeros(2, "float32")), r"returned \(float32\[2\], "),
-    (controller(lambda seen: "left"), r"returned \(str, "),
-    (controller(still, lambda m: (m, m)), rf"returned \({THREE}, \({TWO}, {TWO}\)\); must"),
-    (controller(still, lambda m: m.astype(int)), rf"returned \({THREE}, int64\[2\]\); must"),
-    (Parts(lambda plan: None), r"<lambda> \(controller\): got NoneType; must be of Controller"),
-    (flow(lambda point, time: time), rf"returned float64\[\]; must return {TWO}"),
-    (flow(lambda point, time: [0.1, 0.0]), rf"returned \[float, float\]; must return {TWO}"),
-    (element(lambda m: m.position[0]), rf"returned {TWO}; must return {WINDOW}"),
-    (element(lambda m: None), rf"returned None; must return {WINDOW}"),
-    (
-        element(lambda m: m.position, first=4),
-        r"Rope \(element 6\): got 2 windows of 2 nodes from node 4 on; must be within nodes 0, the "
-        "ghost, to 4",
-    ),
-    (
-        Parts(Hold(still), elements=(Rope(2, 1.0, still),)),
-        r"Rope \(element 6\): got first axes {\(\)}; must be one alike. Fields without ",
-    ),
-    (
-        element(fails, kind=Mooring),
-        r"Mooring \(element 6\) worked: got 'mooring'; must be one of \('drag', ",
-    ),
-    (sensor(lambda state: jnp.zeros(2)), rf"returned {TWO}; must return {ONE}"),
-    (
-        sensor(lambda state: jnp.zeros(1), ("range",)),
-        r"Sonar \(sensor range\) names: ValueError: too many values",
-    ),
-    (actuator(lambda to: to[0]), rf"advance: returned float64\[\]; must return {ONE}"),
-    (actuator(driven=lambda state: jnp.zeros(2)), rf"drive: returned {TWO}; must return {ONE}"),
-]
-
-
-@pytest.mark.parametrize(("parts", "line"), MISTAKES, ids=[line for _, line in MISTAKES])
-def test_a_part_that_does_not_fit_is_refused_in_one_line(parts, line):
-    said = str(refused(enter, parts))
-    assert re.search(line, said)
-    assert len(said.splitlines()) == 1
-
-
-@pytest.mark.parametrize("given", [3.0, (1,), None])
-def test_a_builder_that_returns_too_few_is_refused(given):
-    line = r"\(load 0\): returned .*; must return 2 values"
-    with pytest.raises(crinoid.ScenarioError, match=line):
-        build_part("load 0", 2, lambda: given)
-
-
-def test_a_flow_of_another_class_is_refused():
-    with pytest.raises(crinoid.ScenarioError, match=r"^flow 0: got float; must be of Flow$"):
-        expect(1.0, crinoid.Flow, "flow 0")
 
 
 LOADED = SCENARIO.with_values({"load": [{"kind": "tip", "force": [0.0, 0.0]}] * 2})
@@ -349,55 +279,6 @@ def test_a_flow_must_say_whether_it_is_steady():
 
     with pytest.raises(TypeError, match=r"Silent\.steady must be declared"):
         Silent(crinoid.Onset.of())
-
-
-KELP = """
-from typing import ClassVar
-from crinoid import Flow, Onset, flow_onset
-from crinoid.tables import FlowTable
-
-class Kelp(Flow):
-    steady: ClassVar[bool] = False
-    onset: Onset
-    def fully_on(self, point, time):
-        return point if point[0] > 0 else -point
-
-class KelpFlow(FlowTable):
-    kind: str = "kelp"
-    lost: bool = False
-    def build(self, scenario, generator):
-        if self.lost:
-            raise OSError("no map")
-        return Kelp(flow_onset(self))
-"""
-RUN = """
-from typer.testing import CliRunner
-from crinoid.cli.app import app
-for setting in ("true", "false"):
-    ended = CliRunner().invoke(app, ["run", "kelp.toml", "--set", f"flow.0.lost={setting}"])
-    print(ended.exit_code, " ".join(ended.output.split()))
-"""
-
-
-def test_a_command_names_the_mistake_in_one_line_and_exits_with_2(tmp_path):
-    # a process without checks of types: these refuse tables of packages in a scenario
-    (tmp_path / "kelp.py").write_text(KELP)
-    (tmp_path / "kelp.toml").write_text('[arm]\nnodes = 5\n[[flow]]\nkind = "kelp"\n')
-    about = tmp_path / "kelp-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Name: kelp\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[crinoid.flows]\nkelp = kelp:KelpFlow\n")
-    path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
-    command, environment = [sys.executable, "-c", RUN], os.environ | {"PYTHONPATH": path}
-    ended = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
-    )
-    assert ended.stdout.splitlines() == [
-        "2 crinoid: kelp:KelpFlow.build (flow 0): OSError: no map (kelp.py, line 17)",
-        "2 crinoid: kelp:Kelp (flow 0) fully_on: got a traced array where Python needs its value "
-        "(kelp.py, line 10); must use jnp.where in place of if, and jax.numpy in place of numpy. "
-        "A number that chooses a node or a size is bound by functools.partial.",
-    ]
 
 
 LONG = crinoid.Scenario(arm={"nodes": 9, "length": 1.0})
@@ -506,13 +387,44 @@ def test_an_element_of_a_user_may_have_a_memory():
     assert 0.02 < float(np.abs(tips[0] - tips[1]).max()) < 0.3
 
 
-@pytest.mark.parametrize(
-    ("kind", "line"),
-    [
-        (Lost, r"Lost \(element 6\) advance: returned float64\[2\]; must return float64\[1, 2\]"),
-        (Bare, r"Bare \(element 6\): has no field memory; must have memory and step"),
-    ],
-)
-def test_a_memory_of_another_form_is_refused(kind, line):
-    part = kind(SCENARIO.arm.nodes, jnp.ones(1))
-    assert re.search(line, str(refused(enter, Parts(Hold(still), elements=(part,)))))
+def memory(kind):
+    return Parts(Hold(still), elements=(kind(SCENARIO.arm.nodes, jnp.ones(1)),))
+
+
+ONE, TWO, THREE, WINDOW = (rf"float64\[{size}\]" for size in ("1", "2", "3", "2, 2"))
+BARE = Parts(Hold(still), elements=(Rope(2, 1.0, still),))
+MISTAKES = {
+    rf"Hold \(controller\) command: returned \(float64\[\], {TWO}\); must return "
+    rf"\({THREE}, {TWO}\), with a command for each of slide, heave, tilt": controller(
+        lambda seen: seen.time
+    ),
+    r"returned \(float32\[2\], ": controller(lambda seen: jnp.zeros(2, "float32")),
+    rf"returned \({THREE}, int64\[2\]\); must": controller(still, lambda m: m.astype(int)),
+    r"<lambda> \(controller\): got NoneType; must be of Controller": Parts(lambda plan: None),
+    rf"returned float64\[\]; must return {TWO}": flow(lambda point, time: time),
+    rf"returned {TWO}; must return {WINDOW}": element(lambda m: m.position[0]),
+    r"Rope \(element 6\): got 2 windows of 2 nodes from node 4 on; must be within": element(
+        lambda m: m.position, first=4
+    ),
+    r"Rope \(element 6\): got first axes {\(\)}; must be one alike. Fields without ": BARE,
+    r"worked: got 'mooring'; must be one of \('drag', ": element(fails, kind=Mooring),
+    rf"Sonar .* of: returned {TWO}; must return {ONE}": sensor(lambda state: jnp.zeros(2)),
+    r"Sonar \(sensor range\) names: ValueError: too many values": sensor(
+        lambda state: jnp.zeros(1), ("range",)
+    ),
+    rf"advance: returned float64\[\]; must return {ONE}": actuator(lambda to: to[0]),
+    rf"drive: returned {TWO}; must return {ONE}": actuator(driven=lambda state: jnp.zeros(2)),
+    r"Lost .* advance: returned float64\[2\]; must return float64\[1, 2\]": memory(Lost),
+    r"has no field memory; must have memory and step": memory(Bare),
+}
+
+
+@pytest.mark.parametrize(("line", "parts"), MISTAKES.items(), ids=MISTAKES)
+def test_a_part_that_does_not_fit_is_refused_in_one_line(line, parts):
+    said = mistake(enter, parts)
+    assert re.search(line, said), said
+
+
+def test_a_builder_that_returns_too_few_or_fails_is_refused():
+    assert "must return 2 values" in mistake(build_part, "load 0", 2, lambda: (1,))
+    assert "KeyError: 'kelp'" in mistake(build_part, "load 0", 2, fails)

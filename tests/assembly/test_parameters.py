@@ -8,7 +8,6 @@ import pytest
 
 import crinoid
 from crinoid.assembly.parameters import keulegan_carpenter
-from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics.start import undeformed
 from crinoid.dynamics.statics import static_stage
 from helpers.arms import QUICKLY
@@ -124,25 +123,3 @@ def test_an_edit_of_a_system_is_never_without_effect():
     assert np.all(slopes.rest_length != 0)
     assert np.any(slopes.rest_curvature != 0)
     assert set(vars(system.reference)) == {"rest_length", "rest_curvature", "rest_twist"}
-
-
-def test_a_run_uses_the_system_built_to_look_for_room(monkeypatch):
-    ball = {"kind": "sphere", "position": [0.3, -9.5], "radius": 0.1}
-    prepared = Prepared(crinoid.Scenario(arm={"nodes": 5}, obstacle=[ball]))
-    prepared.check()
-    found = prepared.system, prepared.room
-    for part in ("system.assemble_once", "system.clearance"):
-        monkeypatch.setattr(f"crinoid.assembly.{part}", None)  # nothing is done again
-    prepared.check()
-    assert (prepared.system is found[0], prepared.room is found[1]) == (True, True)
-    np.testing.assert_allclose(prepared.room, [0.5 - 0.1 - 0.02], rtol=1e-4)
-
-
-def test_the_number_of_halvings_is_a_parameter_too():
-    one, other = (
-        crinoid.system(crinoid.Scenario(**PLANE).with_values({"simulation.max_halvings": number}))
-        for number in (0, 12)
-    )
-    assert (one.max_halvings, other.max_halvings) == (0, 12)
-    # so that they take the same compiled programs
-    assert jax.tree.structure(one) == jax.tree.structure(other)

@@ -14,7 +14,6 @@ from crinoid.assembly.control_loop import build_sensors
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Reason
-from crinoid.foundation.status import Status
 from helpers.arms import arm
 
 SCENARIO = crinoid.Scenario(
@@ -94,13 +93,6 @@ def test_a_step_can_raise_where_it_does_not_count():
     assert reason(1, throw=False) is Reason.IMBALANCE
     with pytest.raises(Exception, match="Newton's method did not converge"):
         reason(1, throw=True)
-
-
-def test_the_first_word_of_a_status_decides_its_kind():
-    assert Status.of("failed at t = 1 s: too fast") is Status.FAILED
-    assert Status.of("ok") is Status.OK
-    assert Status.of("done") is None
-    assert Status.of(None) is None
 
 
 class Broken(crinoid.Flow):

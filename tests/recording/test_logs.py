@@ -14,7 +14,6 @@ from crinoid.inverse.record import read_record
 from crinoid.recording import read_dataset
 from crinoid.scenario import Scenario
 from crinoid.view.export import write_mcap
-from helpers.measured import measured, recorded
 from helpers.planar_result import swaying_arm
 from helpers.refusals import mistake
 from helpers.spatial_result import curling_arm
@@ -102,15 +101,6 @@ def test_the_log_of_a_run_is_a_record_of_it(axes, tmp_path):
     assert record.notes[0] == f"{first} next"
 
 
-def test_the_current_of_a_log_is_played(tmp_path):
-    data = swaying_arm(records=201, duration=20.0, nodes=5)
-    log = write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0]
-    keys = {"velocity": [f"/base/current.vector.{axis}" for axis in "xz"]}
-    found = recorded(measured(log, time="/base/current.time", **keys))
-    np.testing.assert_allclose(found.time, data["time"].values, atol=1e-9)
-    np.testing.assert_array_equal(found.velocity[:, 0], data["flow_velocity"].values[:, 0])
-
-
 TIP = STAMP + np.arange(5) * SECOND // 10
 """Times of the measurement (ns), which the log receives 30 ms later."""
 FAST = STAMP + np.arange(41) * SECOND // 100
@@ -136,21 +126,11 @@ def motion(types=TWO, tip="/tip/pose", commands="/commands"):
     ]
 
 
+MCAP = {"version": 9, "storage_plugin": rosbag2.StoragePlugin.MCAP}
 KINDS = {
     "folder": ("walk", {"version": 9}, TWO, ""),
-    "folder of MCAP": (
-        "walk",
-        {"version": 9, "storage_plugin": rosbag2.StoragePlugin.MCAP},
-        TWO,
-        "",
-    ),
     "db3": ("walk", {"version": 9}, TWO, "walk.db3"),
-    "mcap": (
-        "walk",
-        {"version": 9, "storage_plugin": rosbag2.StoragePlugin.MCAP},
-        TWO,
-        "walk.mcap",
-    ),
+    "mcap": ("walk", MCAP, TWO, "walk.mcap"),
     "ROS 1": ("walk.bag", {}, THREE, ""),
 }
 
@@ -192,18 +172,10 @@ def test_a_type_without_definition_costs_its_topic_alone(tmp_path):
     assert "/depth is not read: the log has no definition of sea_msgs/msg/Depth" in record.notes
 
 
-def test_remarks_survive_a_netcdf_file(tmp_path):
-    path = bag(tmp_path / "a", motion(tip="/mocap/ball"), version=9)
-    read_dataset(str(path))[["x", "z", "slide"]].to_netcdf(tmp_path / "log.nc")
-    record = read_record(tmp_path / "log.nc", Scenario(arm={"dimension": 2}), inputs("slide"))
-    assert record.notes[0] == "/mocap/ball counts as the tip, as no other topic fits"
-
-
 def test_two_topics_that_fit_are_no_tip(tmp_path):
     more = [(time, "/mocap/other", each) for time, topic, each in motion() if topic == "/tip/pose"]
     path = bag(tmp_path / "a", [*motion(tip="/mocap/ball"), *more], version=9)
     line = mistake(read_record, path, Scenario(arm={"dimension": 2}), inputs("slide"))
-    assert line.startswith("RECORD: has /commands.position.slide, /commands.time, /mocap/ball.pose")
     assert line.endswith("must have time and some of x, z, angle")
 
 
@@ -260,21 +232,13 @@ def test_without_times_of_measurement_those_of_the_log_count(tmp_path):
 
 def test_what_is_no_log_is_refused_in_a_line(tmp_path, monkeypatch):
     talk = bag(tmp_path / "talk", [(STAMP, "/talk", text("hello"))], version=9)
-    assert mistake(read_dataset, str(talk)) == (
-        "file: talk contains /talk (std_msgs/msg/String); must have a topic of stamped geometry "
-        "or of JointState"
-    )
-    none = bag(tmp_path / "none", [], version=9)
-    assert mistake(read_dataset, str(none)).startswith("file: none contains no topic; must have")
+    line = mistake(read_dataset, str(talk))
+    assert "must have a topic of stamped geometry or of JointState" in line
+    (talk / "talk.db3").unlink()
+    assert mistake(read_dataset, str(talk)).startswith("file: talk is broken or no known file (")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(b"\x89MCAP0\r\nabc")
     assert mistake(read_dataset, str(cut)).startswith("file: cut.mcap is broken or no known file (")
-    (talk / "talk.db3").unlink()
-    assert mistake(read_dataset, str(talk)).startswith("file: talk is broken or no known file (")
-    (tmp_path / "folder").mkdir()
-    line = mistake(read_dataset, str(tmp_path / "folder"))
-    assert line == "file: folder is a folder; must be a CSV or netCDF file"
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    assert mistake(read_dataset, str(cut)) == (
-        'file: cut.mcap is a log of ROS, and reading it needs rosbags: pip install "crinoid[ros]"'
-    )
+    line = mistake(read_dataset, str(cut))
+    assert line.endswith('reading it needs rosbags: pip install "crinoid[ros]"')

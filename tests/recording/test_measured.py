@@ -1,10 +1,7 @@
-"""Measured currents: files of every layout, what is mended and said, what is refused, and the flow.
+"""Measured currents: files of every layout, what is mended and said, and the flow.
 
 The currents in the files are known functions, so that what is played can be compared with them.
 """
-
-import tomllib
-from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -22,13 +19,11 @@ from crinoid.scenario import Scenario, load
 from helpers.arms import order
 from helpers.measured import BASES, M_PER_S, enu, measured, point, profile, recorded, wave, write
 from helpers.paths import ROOT
-from helpers.refusals import refusal, refused, written_and_answered
 
 DATA = ROOT.parent / "shared" / "data"
 real_data = pytest.mark.skipif(
     not DATA.is_dir(), reason=f"the measured records are not there: {DATA}"
 )
-REFUSALS = written_and_answered(Path(__file__).with_name("refusals.txt"))
 
 # in space x points 60 degrees from north, 30 degrees north of east
 TURN = np.deg2rad(30.0)
@@ -205,26 +200,9 @@ def test_a_low_pass_removes_the_fast_and_delays_nothing(tmp_path):
     recording = recorded(measured(tmp_path / "a.nc", **keys))
     inner = slice(50, -50)
     np.testing.assert_allclose(recording.velocity[inner, 0, 0], (1.0 + slow)[inner], atol=1e-4)
-    assert refusal(measured(tmp_path / "a.nc", **(keys | {"low_pass_hz": 5.0}))) == (
-        "flow.0.low_pass_hz: got 5.0; must be below 5 (Hz), half the rate of the record"
-    )
 
 
 # --- gaps --------------------------------------------------------------------------------------
-
-
-def test_straight_lines_fill_gaps_and_a_note_says_so(tmp_path):
-    time = np.arange(0, 40, 0.5)
-    values = 0.5 + 0.01 * time
-    holed = values.copy()
-    holed[20:24] = np.nan  # from 9.5 to 12 s
-    holed[50] = -9999.0
-    write(tmp_path / "a.nc", time, u=holed, w=values, attributes={"_FillValue": -9999.0})
-    case = measured(tmp_path / "a.nc")
-    np.testing.assert_allclose(recorded(case).velocity[:, 0, 0], values, rtol=1e-12)
-    assert Prepared(case).notes() == [
-        "flow.0: 6.25% of u is missing and was filled by straight lines, the longest gap 2.5 s"
-    ]
 
 
 def test_samples_that_the_file_leaves_out_are_gaps_too(tmp_path):
@@ -332,11 +310,6 @@ def test_an_arm_outside_the_levels_gets_a_note(tmp_path):
 
 def test_levels_may_count_from_anywhere_and_downward(tmp_path):
     height = profile(tmp_path / "a.nc")
-    nowhere = measured(tmp_path / "a.nc", depth=None, **PROFILE[2])
-    assert refusal(nowhere) == (
-        "flow.0.origin: missing; must be the height z from which range counts (m). "
-        "Or set water.depth to count from the bed."
-    )
     up = recorded(measured(tmp_path / "a.nc", depth=None, origin=-12.0, **PROFILE[2]))
     np.testing.assert_allclose(up.levels, height - 12.0)
     keys = PROFILE[2] | {"vertical": "-range"}
@@ -368,51 +341,7 @@ def test_slopes_are_the_same_forth_and_back_and_those_of_differences(tmp_path, w
     np.testing.assert_allclose(forward[1], (late - early) / (2 * step), atol=1e-6)
 
 
-# --- models, and compass directions -------------------------------------------------------------
-
-
-def grid(path):
-    """Write an ocean model's output: CF names, depth downward, dates, a place in a grid."""
-    time = np.datetime64("2024-03-01T06:00") + np.arange(20) * np.timedelta64(10, "s")
-    seconds = np.arange(20) * 10.0
-    depth = np.array([0.0, 2.0, 5.0, 10.0, 20.0])
-    place = (3.0 + np.arange(2.0))[:, None] + np.array([0.1, 0.2, 0.3])  # lat by lon
-    east = 0.01 * seconds[:, None, None, None] + 0.1 * depth[:, None, None] + place
-    dims = ("time", "depth", "lat", "lon")
-    attributes = {"units": "cm/s", "standard_name": "eastward_sea_water_velocity"}
-    north = {"units": "cm/s", "standard_name": "northward_sea_water_velocity"}
-    dataset = xr.Dataset(
-        {"uo": (dims, east, attributes), "vo": (dims, 2 * east, north)},
-        {
-            "time": time,
-            "depth": ("depth", depth, {"units": "m", "positive": "down"}),
-            "lat": [48.0, 48.5],
-            "lon": ("lon", [236.0, 236.5, 237.0], {"units": "degrees_east"}),
-        },
-    )
-    dataset.to_netcdf(path, encoding={"time": {"units": "hours since 2024-01-01", "dtype": "f8"}})
-
-
-def test_an_ocean_model_is_met_at_the_nearest_place_by_depth_and_heading(tmp_path):
-    grid(tmp_path / "a.nc")
-    case = measured(
-        tmp_path / "a.nc",
-        depth=None,
-        duration=60.0,
-        velocity=["eastward_sea_water_velocity", "northward_sea_water_velocity", "0"],
-        vertical="depth",
-        heading_deg=90.0,
-        select={"lat": 48.4, "lon": -123.4},
-    )
-    recording = recorded(case)
-    np.testing.assert_allclose(recording.levels, [-20.0, -10.0, -5.0, -2.0, 0.0])
-    # latitude 48.5 and longitude 236.5, in m/s
-    seconds = np.arange(20) * 10.0
-    expected = 0.01 * (0.01 * seconds[:, None] + 0.1 * -recording.levels + 4.2)
-    np.testing.assert_allclose(recording.time, seconds, atol=1e-6)
-    np.testing.assert_allclose(recording.velocity[..., 0], expected, rtol=1e-6)
-    assert not recording.velocity[..., 1].any()
-    assert "cross the plane that the arm moves in" in Prepared(case).notes()[0]
+# --- compass directions --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -446,79 +375,6 @@ def test_an_arm_reaches_as_far_as_its_base_travels(axes):
     assert stage.heights == (-10.0, -10.0)
 
 
-# --- what is refused ---------------------------------------------------------------------------
-
-
-COUNT = np.arange(100.0)
-SPEED = np.full(100, 0.3)
-
-
-def steady(time=COUNT, u=SPEED, **keys):
-    """Return what writes a record of 0.3 m/s with something changed."""
-    return lambda path: write(path, time, u=u, w=0 * time, **keys)
-
-
-def cut_short(path):
-    point(path)
-    path.write_bytes(path.read_bytes()[:3000])
-
-
-def numbered(path):
-    dataset = {"u": (("time", "eta"), np.ones((100, 3)), M_PER_S)}
-    xr.Dataset(dataset, {"time": ("time", COUNT, {"units": "s"})}).to_netcdf(path)
-
-
-def alike(path):
-    name = {"standard_name": "sea_water_speed"}
-    write(path, COUNT, a=0 * COUNT, b=0 * COUNT, attributes=name)
-
-
-FILES = {
-    "no file": lambda path: None,
-    "a folder": Path.mkdir,
-    "text": lambda path: path.write_text("u, w\n1, 2"),
-    "a file cut short": cut_short,
-    "a record at a point": point,
-    "two series of one standard name": alike,
-    "times that repeat": steady(time=np.where(COUNT == 17, 16.0, COUNT)),
-    "times that go back": steady(time=COUNT[::-1]),
-    "one instant": steady(time=np.zeros(1), u=np.full(1, 0.3)),
-    "no instant": steady(time=np.zeros(0), u=np.zeros(0)),
-    "pascals": steady(units="Pa"),
-    "nothing but gaps": steady(u=np.full(100, np.nan)),
-    "gaps for the most part": steady(u=np.where(COUNT < 70, np.nan, 0.3)),
-    "bursts": steady(time=COUNT + 1e4 * (COUNT > 50)),
-    "a gap that is not marked": steady(u=np.where(COUNT == 70, -9999.0, 0.3)),
-    "a steady current for 99 s": steady(),
-    "a profile": profile,
-    "an ocean model": grid,
-    "a grid of numbered points": numbered,
-}
-
-
-@pytest.mark.parametrize("file", FILES)
-def test_what_a_file_does_not_give_is_refused_in_one_line(tmp_path, file):
-    path = tmp_path / "a.nc"
-    FILES[file](path)
-    for mistake in REFUSALS[file]:
-        keys, answer = mistake.values
-        line = refusal(measured(path, **tomllib.loads(keys)))
-        assert line.startswith(answer.replace("PATH", str(path)))
-
-
-def test_every_refusal_has_its_file():
-    assert REFUSALS.keys() - {"end"} == FILES.keys()
-
-
-def test_a_large_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    point(tmp_path / "a.nc")
-    monkeypatch.setattr("crinoid.recording.numbers.MAX_VALUES", 500)
-    assert refusal(measured(tmp_path / "a.nc")) == (
-        "flow.0.file: a.nc contains 802 values of this current; must contain at most 500. Cut out "
-        "a shorter part."
-    )
-
-
 # --- where a path starts -----------------------------------------------------------------------
 
 
@@ -542,13 +398,6 @@ def test_paths_start_from_the_scenario_file_or_from_here(tmp_path, monkeypatch):
     assert case.flow[0].file == f"{tmp_path}/e.nc"
     assert Scenario.from_toml(case.to_toml()) == case
     assert Scenario(flow=case.flow).flow[0].file == f"{tmp_path}/e.nc"
-    # of files at fault each has a line
-    cases = (case, Scenario(flow=case.flow))  # currents are read after all else
-    keys = [[m.key for m in refused(Prepared(each).notes).mistakes] for each in cases]
-    assert [*map(sorted, keys)] == [
-        ["base.motion.0.file", "target.file"],
-        ["flow.0.file", "flow.1.file"],
-    ]
 
 
 # --- files that were measured ------------------------------------------------------------------

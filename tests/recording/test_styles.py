@@ -1,27 +1,17 @@
-"""Measured currents in netCDF as services and models write them, and straight profiles."""
+"""Measured currents in netCDF as services, models and instruments write them."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crinoid.assembly.arrays import build_flow
-from crinoid.flow import Water
-from helpers.measured import measured, recorded
 from helpers.styles import (
     DEPTHS,
     DOWN,
     EAST,
-    EAST_NORTH,
     M_PER_S,
     NORTH,
-    PROFILE,
     Played,
+    Refused,
     Z,
-    by_keys,
-    by_proposal,
-    check_keys,
-    check_proposal,
     clock,
     dates,
     over,
@@ -41,82 +31,61 @@ def axis(name, values, units):
     return (name,), np.asarray(values), {"standard_name": name.lower(), "units": units}
 
 
-# --- ERDDAP --------------------------------------------------------------------------------------
+# --- services and models -------------------------------------------------------------------------
 
 
-def erddap_griddap(folder):
-    grid = "time", "depth", "latitude", "longitude"
-    east, north = over(straight, Z)
-    variables = {
-        "time": clock(),
-        "depth": (("depth",), DEPTHS, DOWN | {"_CoordinateAxisType": "Height"}),
-        "latitude": axis("latitude", [36.75], "degrees_north"),
-        "longitude": axis("longitude", [-122.03], "degrees_east"),
-        "u": (grid, spread(east), EAST | {"_FillValue": -1e34, "ioos_category": "Currents"}),
-        "v": (grid, spread(north), NORTH | {"_FillValue": -1e34, "ioos_category": "Currents"}),
-    }
-    return store(folder / "model_1.nc", variables, form="NETCDF3_CLASSIC", cdm_data_type="Grid")
+def grid(level, names, fill, time, levels=DEPTHS, **options):
+    """Return what writes a column of a grid over a depth or an elevation."""
+
+    def write(folder):
+        axes = "time", level[0], "latitude", "longitude"
+        east, north = (each.astype(fill.dtype) for each in over(straight, -np.abs(levels)))
+        variables = {
+            "time": time,
+            level[0]: ((level[0],), levels, level[1]),
+            "latitude": axis("latitude", [36.75], "degrees_north"),
+            "longitude": axis("longitude", [-122.03], "degrees_east"),
+            names[0]: (axes, spread(east), EAST | {"_FillValue": fill}),
+            names[1]: (axes, spread(north), NORTH | {"_FillValue": fill}),
+        }
+        return store(folder / "model.nc", variables, **options)
+
+    return write
+
+
+CMEMS_DEPTHS = np.array([0.494025, 1.541375, 2.645669], "f4")
+CMEMS_Z = tuple(-CMEMS_DEPTHS.astype(float))
+ELEVATION = {"standard_name": "elevation", "units": "m", "positive": "up", "axis": "Z"}
+
+
+def copernicus(vertical):
+    """Return what writes a subset of Copernicus Marine, by depth or by elevation."""
+    levels = CMEMS_DEPTHS if vertical == "depth" else -CMEMS_DEPTHS[::-1]
+    attributes = DOWN if vertical == "depth" else ELEVATION
+    attributes = attributes | {"valid_min": levels.min(), "valid_max": levels.max()}
+    name, hours, units = clock(epoch="1950-01-01", unit="h", step=3600.0)
+    first, *_, last = dates("%Y-%m-%dT%H:%M:%S.000000000", step=3600.0)
+    time = name, hours, units | {"valid_min": first, "valid_max": last}
+    fill = np.float32(9.96921e36)
+    return grid((vertical, attributes), ("uo", "vo"), fill, time, levels)
 
 
 def erddap_rows(depths):
     """Return what writes a flat file of tabledap: all variables over rows."""
 
     def write(folder):
-        depths_of_rows = np.tile(depths, 4)
         east, north = (each.ravel() for each in over(straight, -np.asarray(depths)))
         (_, times, attributes) = clock()
         name = np.array([list("M1")] * east.size, "S1")
         variables = {
             "station": (("row", "station_strlen"), name, {"cf_role": "timeseries_id"}),
             "time": (("row",), np.repeat(times, len(depths)), attributes),
-            "depth": (("row",), depths_of_rows, DOWN),
+            "depth": (("row",), np.tile(depths, 4), DOWN),
             "u": (("row",), east, EAST),
             "v": (("row",), north, NORTH),
         }
         kind = {"cdm_data_type": "TimeSeriesProfile" if len(depths) > 1 else "TimeSeries"}
         return store(folder / "mooring_1.nc", variables, form="NETCDF3_CLASSIC", **kind)
-
-    return write
-
-
-# --- Copernicus, HYCOM, ROMS, NEMO ---------------------------------------------------------------
-
-CMEMS_DEPTHS = np.array([0.494025, 1.541375, 2.645669], "f4")
-CMEMS_Z = tuple(-CMEMS_DEPTHS.astype(float))
-
-
-def copernicus(vertical):
-    """Return what writes a subset of Copernicus Marine, by depth or by elevation."""
-
-    def write(folder):
-        grid = "time", vertical, "latitude", "longitude"
-        levels = CMEMS_DEPTHS if vertical == "depth" else -CMEMS_DEPTHS[::-1]
-        attributes = DOWN if vertical == "depth" else {
-            "standard_name": "elevation", "units": "m", "positive": "up", "axis": "Z",
-        }  # fmt: skip
-        limits = {"valid_min": levels.min(), "valid_max": levels.max()}
-        texts = [f"{each}.000000000" for each in dates("%Y-%m-%dT%H:%M:%S", step=3600.0)]
-        east, north = over(straight, -np.abs(levels.astype(float)))
-        fill = {"_FillValue": np.float32(9.96921e36)}
-        variables = {
-            "time": (
-                ("time",),
-                since("1950-01-01", "h", step=3600.0),
-                {
-                    "standard_name": "time",
-                    "units": "hours since 1950-01-01",
-                    "axis": "T",
-                    "valid_min": texts[0],
-                    "valid_max": texts[-1],
-                },
-            ),
-            vertical: ((vertical,), levels, attributes | limits),
-            "latitude": axis("latitude", np.float32([43.25]), "degrees_north"),
-            "longitude": axis("longitude", np.float32([7.5]), "degrees_east"),
-            "uo": (grid, spread(east).astype("f4"), EAST | fill),
-            "vo": (grid, spread(north).astype("f4"), NORTH | fill),
-        }
-        return store(folder / "cmems_mod_glo_phy-cur_anfc.nc", variables, Conventions="CF-1.8")
 
     return write
 
@@ -134,44 +103,29 @@ def copernicus_in_situ(folder):
         "nominal_value interpolated_value missing_value",
     }
     east, north = (np.rint(1e3 * each).astype("i4") for each in over(straight, Z))
-    good = np.ones(east.shape, "i1")
+    good, levels = np.ones(east.shape, "i1"), np.tile(DEPTHS.astype("f4"), (4, 1))
+    linked = {"ancillary_variables": "EWCT_QC"}
     variables = {
-        "TIME": (
-            ("TIME",),
-            since("1950-01-01", "D"),
-            {"standard_name": "time", "units": "days since 1950-01-01T00:00:00Z", "axis": "T"},
-        ),
+        "TIME": clock("TIME", "1950-01-01", "D"),
         "TIME_QC": (("TIME",), np.ones(4, "i1"), flags),
-        "LATITUDE": axis("LATITUDE", np.float32([36.6]), "degrees_north"),
-        "LONGITUDE": axis("LONGITUDE", np.float32([-7.4]), "degrees_east"),
-        "DEPH": (
-            both,
-            np.tile(DEPTHS.astype("f4"), (4, 1)),
-            DOWN | {"_FillValue": np.float32(-1e9)},
-        ),
+        "DEPH": (both, levels, DOWN | {"_FillValue": np.float32(-1e9)}),
         "DEPH_QC": (both, 7 * good, flags),
-        "EWCT": (
-            both,
-            with_gap(east, 2, 1, 4321),
-            EAST | packed | {"ancillary_variables": "EWCT_QC"},
-        ),
+        "EWCT": (both, with_gap(east, 2, 1, 4321), EAST | packed | linked),
         "EWCT_QC": (both, with_gap(good, 2, 1, 4), flags),
         "NSCT": (both, with_gap(north, 1, 0, -2147483647), NORTH | packed),
         "NSCT_QC": (both, with_gap(good, 1, 0, 9), flags),
     }
-    return store(folder / "IR_TS_MO_6200085.nc", variables, data_type="OceanSITES time-series data")
+    return store(folder / "IR_TS_MO_6200085.nc", variables)
 
 
 def hycom(folder):
     """Water velocities of HYCOM: 16-bit numbers, longitudes of 0 to 360 degrees, land masked."""
-    grid = "time", "depth", "lat", "lon"
+    axes = "time", "depth", "lat", "lon"
+    (_, hours, _) = clock(epoch="2000-01-01", unit="h", step=10800.0)
+    since_2000 = {"units": "hours since 2000-01-01 00:00:00", "calendar": "gregorian", "axis": "T"}
     variables = {
-        "time": (
-            ("time",),
-            since("2000-01-01", "h", step=10800.0),
-            {"units": "hours since 2000-01-01 00:00:00", "calendar": "gregorian", "axis": "T"},
-        ),
-        "depth": (("depth",), DEPTHS, DOWN | {"long_name": "Depth", "NAVO_code": np.int32(5)}),
+        "time": (("time",), hours, since_2000),
+        "depth": (("depth",), DEPTHS, DOWN),
         "lat": (("lat",), np.array([38.96, 39.0]), {"units": "degrees_north", "axis": "Y"}),
         "lon": (("lon",), np.array([284.96, 285.04]), {"units": "degrees_east", "axis": "X"}),
     }
@@ -182,7 +136,7 @@ def hycom(folder):
     ):
         numbers = np.full((4, 3, 2, 2), -30000, "i2")
         numbers[:, :, 0, 0], numbers[:, :, 1, 1] = np.rint(1e3 * values), 77
-        variables[name] = (grid, numbers, attributes | packed | {"units": "m/s"})
+        variables[name] = (axes, numbers, attributes | packed)
     return store(folder / "hycom_glb_930.nc", variables, form="NETCDF3_64BIT_OFFSET")
 
 
@@ -196,156 +150,148 @@ S_LEVELS = H * (HC * S_RHO + H * STRETCHED) / (HC + H)
 
 def roms(folder):
     """Averages of ROMS (Vtransform 2): levels that follow the surface and the bed."""
-    grid = "ocean_time", "s_rho", "eta_rho", "xi_rho"
+    axes = "ocean_time", "s_rho", "eta_rho", "xi_rho"
     z = ZETA[:, None] + (ZETA[:, None] + H) * S_LEVELS / H
     values = straight(np.arange(5)[:, None], z)
     depth, zeta = np.full((2, 2), 300.0), np.full((5, 2, 2), 0.7)
     depth[1, 0], zeta[:, 1, 0] = H, ZETA
     terms = "s: s_rho C: Cs_r eta: zeta depth: h depth_c: hc"
-    level = {
-        "standard_name": "ocean_s_coordinate_g2",
-        "positive": "up",
-        "formula_terms": terms,
-        "valid_min": -1.0,
-        "valid_max": 0.0,
-    }
+    level = {"standard_name": "ocean_s_coordinate_g2", "positive": "up", "formula_terms": terms}
+    limits = {"valid_min": -1.0, "valid_max": 0.0}
+    time = {"units": "seconds since 1970-01-01 00:00:00", "field": "time, scalar, series"}
     variables = {
-        "ocean_time": (
-            ("ocean_time",),
-            since("1970-01-01", "s", count=5, step=3600.0),
-            {"units": "seconds since 1970-01-01 00:00:00", "field": "time, scalar, series"},
-        ),
+        "ocean_time": (axes[:1], since("1970-01-01", "s", count=5, step=3600.0), time),
         "Vtransform": ((), np.int32(2), {"long_name": "vertical terrain-following equation"}),
         "hc": ((), HC, {"units": "meter"}),
-        "s_rho": (("s_rho",), S_RHO, level),
-        "Cs_r": (("s_rho",), STRETCHED, {"valid_min": -1.0, "valid_max": 0.0}),
-        "h": (grid[2:], depth, {"units": "meter", "long_name": "bathymetry at RHO-points"}),
-        "zeta": ((grid[0], *grid[2:]), zeta, {"units": "meter", "time": "ocean_time"}),
+        "s_rho": (("s_rho",), S_RHO, level | limits),
+        "Cs_r": (("s_rho",), STRETCHED, limits),
+        "h": (axes[2:], depth, {"units": "meter", "long_name": "bathymetry at RHO-points"}),
+        "zeta": ((axes[0], *axes[2:]), zeta, {"units": "meter", "time": "ocean_time"}),
     }
+    attributes = {"units": "meter second-1", "time": axes[0], "_FillValue": np.float32(1e37)}
     for name, each in zip(("u_eastward", "v_northward"), values, strict=True):
         numbers = np.full((5, 4, 2, 2), 1e37, "f4")
         numbers[:, :, 1, 0] = each
-        attributes = {
-            "units": "meter second-1",
-            "time": "ocean_time",
-            "_FillValue": np.float32(1e37),
-        }
-        variables[name] = (grid, numbers, attributes)
+        variables[name] = (axes, numbers, attributes)
     return store(folder / "ocean_avg_0001.nc", variables, form="NETCDF3_64BIT_OFFSET")
 
 
 def nemo(folder):
     """A subset of NEMO by XIOS on the grid T: axes without coordinates, two variables of time."""
-    grid = "time_counter", "deptht", "y", "x"
-    (_, times, _) = clock(step=3600.0)
-    times = times - times[0] + since("1900-01-01", "s")[0]
-    time = {
-        "standard_name": "time",
-        "units": "seconds since 1900-01-01 00:00:00",
-        "calendar": "gregorian",
-        "time_origin": "1900-01-01 00:00:00",
-    }
+    axes = "time_counter", "deptht", "y", "x"
+    (_, times, time) = clock(epoch="1900-01-01", step=3600.0)
     depth = {"long_name": "Vertical T levels", "units": "m", "positive": "down", "axis": "Z"}
     variables = {
-        "nav_lat": (grid[2:], np.float32([[43.2, 43.2]]), {"units": "degrees_north"}),
-        "nav_lon": (grid[2:], np.float32([[7.5, 7.6]]), {"units": "degrees_east"}),
+        "nav_lat": (axes[2:], np.float32([[43.2, 43.2]]), {"units": "degrees_north"}),
+        "nav_lon": (axes[2:], np.float32([[7.5, 7.6]]), {"units": "degrees_east"}),
         "deptht": (("deptht",), DEPTHS.astype("f4"), depth),
-        "time_centered": (("time_counter",), times - 1800.0, time),
-        "time_counter": (("time_counter",), times, time | {"axis": "T"}),
+        "time_centered": (axes[:1], times - 1800.0, {k: time[k] for k in time if k != "axis"}),
+        "time_counter": (axes[:1], times, time),
     }
     names = {"vozocrtx": "sea_water_x_velocity", "vomecrty": "sea_water_y_velocity"}
+    marks = {name: np.float32(1e20) for name in ("_FillValue", "missing_value")}
     for (name, standard), each in zip(names.items(), over(straight, Z), strict=True):
-        attributes = {
-            "standard_name": standard,
-            "units": "m/s",
-            "_FillValue": np.float32(1e20),
-            "missing_value": np.float32(1e20),
-            "coordinates": "time_centered nav_lat nav_lon",
-        }
+        attributes = {"standard_name": standard, "units": "m/s"} | marks
+        attributes["coordinates"] = "time_centered nav_lat nav_lon"
         numbers = np.stack([np.full((4, 3), 1e20), each], axis=-1)[:, :, None]
-        variables[name] = (grid, numbers.astype("f4"), attributes)
+        variables[name] = (axes, numbers.astype("f4"), attributes)
     return store(folder / "MED_1h_20240301_grid_T.nc", variables)
 
 
-# --- the table ---
+# --- instruments ---------------------------------------------------------------------------------
+
+RANGES = np.array([0.6, 1.1, 1.6])
 
 
-def east_north(east, north, vertical=None, **keys):
-    """Return the keys of a flow by the names of its components."""
-    named = {"velocity": [east, north, "0"], "heading_deg": 90.0}
-    return named | ({} if vertical is None else {"vertical": vertical}) | keys
+def dolfyn(coordinates):
+    """Return what writes a profile of DOLfYN (MHKiT) in a coordinate system."""
+
+    def write(folder):
+        east, north = (each.T for each in over(straight, RANGES - 19.5))
+        up = np.zeros_like(east)
+        names = {"earth": ["E", "N", "U"], "beam": [1, 2, 3]}[coordinates]
+        variables = {
+            "time": clock(),
+            "dir": (("dir",), np.array(names), {"units": "1", "long_name": "Reference Frame"}),
+            "range": (("range",), RANGES, {"units": "m", "long_name": "Profile Range"}),
+            "vel": (
+                ("dir", "range", "time"),
+                np.stack([east, north, up]).astype("f4"),
+                M_PER_S | {"long_name": "Water Velocity", "_FillValue": np.float32(np.nan)},
+            ),
+        }
+        about = {"inst_make": "Nortek", "inst_type": "ADCP", "fs": 0.1, "coord_sys": coordinates}
+        return store(folder / "adcp.nc", variables, **about)
+
+    return write
 
 
-UO_VO = east_north("uo", "vo")
+def xmitgcm(folder):
+    """A column of MITgcm by xmitgcm: negative levels that the file calls a depth, downward."""
+    both = "time", "Z"
+    east, north = over(straight, Z)
+    names = {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"}
+    variables = {
+        "time": (("time",), 600.0 * np.arange(4), {"units": "seconds"}),
+        "Z": (("Z",), np.array(Z), names),
+        "UVEL": (both, east.astype("f4"), {"units": "m s-1", "long_name": "Zonal Velocity"}),
+        "VVEL": (both, north.astype("f4"), {"units": "m s-1", "long_name": "Meridional Velocity"}),
+    }
+    return store(folder / "column.nc", variables)
+
+
+UHDAS_SHIFT = np.array([0.0, 0.2, -0.2, 0.1, -0.1])
+UHDAS_DEPTHS = np.array([3.0, 5.0, 7.0, 9.0])
+
+
+def uhdas(folder):
+    """Short netCDF of a ship's profiler (UHDAS, CODAS): depths of the cells differ in time."""
+    depth = UHDAS_DEPTHS + UHDAS_SHIFT[:, None]
+    east, north = straight(np.arange(5)[:, None], -depth)
+    mark = np.float32(1e38)
+    marks = {"missing_value": mark, "_FillValue": mark}
+    both = "time", "depth_cell"
+    variables = {
+        "time": (("time",), since("2024-01-01", "D", count=5), {"units": "days since 2024-01-01"}),
+        "lon": (("time",), np.linspace(-158.0, -157.9, 5), {"units": "degrees_east"}),
+        "lat": (("time",), np.linspace(21.0, 21.1, 5), {"units": "degrees_north"}),
+        "depth": (both, depth.astype("f4"), {"long_name": "Depth", "units": "meter"} | marks),
+    }
+    for name, long_name, each in (("u", "Zonal", east), ("v", "Meridional", north)):
+        attributes = {"long_name": f"{long_name} velocity component", "units": "meter second-1"}
+        variables[name] = (both, each.astype("f4"), attributes | marks)
+    return store(folder / "os75nb_short.nc", variables, software="pycurrents")
+
+
+# --- the table -----------------------------------------------------------------------------------
+
+UVEL_VVEL = {"velocity": ["UVEL", "VVEL", "0"], "heading_deg": 90.0}
+VOZO_VOME = {"velocity": ["vozocrtx", "vomecrty", "0"], "heading_deg": 90.0}
+BEAM = {"velocity": ["vel", "0", "0"], "vertical": "range", "select": {"dir": 1}}
+MOVING = {"count": 5, "remark": "mean", "moving": True}
 
 STYLES = {
-    "ERDDAP griddap": Played(erddap_griddap, PROFILE, Z),
-    "ERDDAP rows of a point": Played(erddap_rows([2.0]), EAST_NORTH, at=-2.0),
-    "ERDDAP rows of a profile": Played(erddap_rows(DEPTHS), PROFILE, Z),
-    "Copernicus Marine by depth": Played(
-        copernicus("depth"), UO_VO | {"vertical": "depth"}, CMEMS_Z, step=3600.0
-    ),
-    "Copernicus Marine by elevation": Played(
-        copernicus("elevation"), UO_VO | {"vertical": "elevation"}, CMEMS_Z, step=3600.0
-    ),
-    "Copernicus in situ": Played(
-        copernicus_in_situ,
-        east_north("EWCT", "NSCT", "DEPH", time="TIME"),
-        Z,
-        gaps=((2, 1), (1, 0)),
-    ),
-    "HYCOM": Played(
-        hycom,
-        east_north("water_u", "water_v", "depth"),
-        Z,
-        place={"select": {"lat": 38.97, "lon": -75.05}},
-        step=10800.0,
-    ),
+    "ERDDAP griddap": Played(
+        grid(("depth", DOWN), "uv", np.float64(-1e34), clock(), form="NETCDF3_CLASSIC"), Z),
+    "ERDDAP rows of a point": Played(erddap_rows([2.0]), at=-2.0),
+    "ERDDAP rows of a profile": Played(erddap_rows(DEPTHS), Z),
+    "Copernicus Marine by depth": Played(copernicus("depth"), CMEMS_Z, step=3600.0),
+    "Copernicus Marine by elevation": Played(copernicus("elevation"), CMEMS_Z, step=3600.0),
+    "Copernicus in situ": Played(copernicus_in_situ, Z, gaps=((2, 1), (1, 0))),
+    "HYCOM": Played(hycom, Z, place={"select": {"lat": 38.97, "lon": -75.05}}, step=10800.0),
     "ROMS": Played(
-        roms,
-        east_north("u_eastward", "v_northward", "s_rho", time="ocean_time"),
-        tuple(S_LEVELS[1:-1]),
-        place={"select": {"eta_rho": 1, "xi_rho": 0}},
-        count=5,
-        step=3600.0,
-        remark="mean",
-        moving=True,
-    ),
-    "NEMO": Played(
-        nemo,
-        {"time": "time_counter", "vertical": "deptht"},
-        Z,
-        place=east_north("vozocrtx", "vomecrty", select={"x": 1}),
-        step=3600.0,
-    ),
-}
+        roms, tuple(S_LEVELS[1:-1]), place={"select": {"eta_rho": 1, "xi_rho": 0}}, step=3600.0,
+        **MOVING),
+    "NEMO": Played(nemo, Z, place=VOZO_VOME | {"select": {"x": 1}}, step=3600.0),
+    "DOLfYN in earth coordinates": Played(
+        dolfyn("earth"), tuple(RANGES - 19.5), place={"origin": -19.5}),
+    "DOLfYN in beam coordinates": Refused(dolfyn("beam"), "beam.*(rotate|earth)", BEAM),
+    "MITgcm": Played(xmitgcm, Z, UVEL_VVEL | {"vertical": "-Z"}),
+    "MITgcm without a sign": Refused(xmitgcm, "above.*minus sign", UVEL_VVEL | {"vertical": "Z"}),
+    "UHDAS": Played(uhdas, tuple(-UHDAS_DEPTHS[1:-1]), **MOVING),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("style", by_keys(STYLES))
+@pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
 def test_a_file_is_played_or_refused(tmp_path, style):
-    check_keys(style, tmp_path)
-
-
-@pytest.mark.parametrize("style", by_proposal(STYLES))
-def test_the_keys_of_a_file_are_proposed(tmp_path, style):
-    check_proposal(style, tmp_path)
-
-
-@pytest.mark.slow
-def test_a_straight_profile_is_played_straight(tmp_path):
-    depths = np.array([2.0, 3.0, 6.5, 9.0, 18.0])
-    time = np.arange(0.0, 40.0, 0.5)
-    both = "time", "depth"
-    profile = np.stack([0.4 - 0.02 * depths] * time.size)
-    variables = {
-        "time": (("time",), time, {"units": "s"}),
-        "depth": (("depth",), depths, DOWN),
-        "u": (both, profile, M_PER_S),
-    }
-    path = store(tmp_path / "straight.nc", variables)
-    case = measured(path, velocity=["u", "0"], vertical="depth")
-    water = Water((build_flow(case, 0, case.flow[0], recorded(case)),))
-    heights = jnp.linspace(-18.0, -2.0, 50)
-    points = jnp.stack([jnp.zeros_like(heights), heights], axis=1)
-    velocity = jax.vmap(lambda point: water.current(point, jnp.asarray(3.0)).velocity)(points)
-    np.testing.assert_allclose(velocity[:, 0], 0.4 + 0.02 * heights, atol=1e-6)
+    style.check(tmp_path)

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.diagnostics.plausibility import plausibility_warnings
-from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import Scenario, ScenarioError
 
 TIME = np.arange(0.0, 4.01, 0.1)
@@ -84,16 +83,6 @@ def test_columns_may_be_reversed_and_left_out(log):
     assert found[0] == pytest.approx([0.0, -0.3, 0.0], abs=1e-9)
 
 
-def test_one_turn_alone_is_that_of_one_channel():
-    still, turn = np.zeros(3), np.array([0.1, -0.2, 0.3])
-    moves = dict.fromkeys(("surge", "sway", "heave", "roll", "pitch", "yaw"), still)
-    down = (0.0, np.deg2rad(-90.0), 0.0)
-    for name, column in (("yaw", 3), ("pitch", 4)):
-        found = vessel_motion(moves | {name: turn}, [0.0, 0.0, 0.0], down)
-        assert found[:, column] == pytest.approx(turn)
-        assert np.abs(np.delete(found, column, axis=1)).max() == 0
-
-
 @pytest.mark.slow
 def test_an_arm_that_hangs_from_a_joint_feels_the_shift_of_its_root(log):
     values = {"base.mount": "pinned", "base.tilt_deg": -90.0, "simulation.duration": 0.5}
@@ -104,36 +93,26 @@ def test_an_arm_that_hangs_from_a_joint_feels_the_shift_of_its_root(log):
     assert np.ptp(result.dataset["tip_position"].values, axis=0).min() > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("dimension", "motion", "values", "text"),
-    [
-        (2, {"columns": {"surge": "x"}}, {}, 'columns.surge: got "x", no such column in log.csv'),
-        (2, {"columns": {"yaw": "heading"}}, {}, 'columns.yaw: got "heading"; must be left out in'),
-        (2, {"columns": {"sge": "0"}}, {}, "columns.sge: unknown key; did you mean .*surge"),
-        (2, {"offset": [1, 2, 3]}, {}, r"offset: got \[1.0, 2.0, 3.0\]; must be \[x, z\]"),
-        (
-            2,
-            {"skip": 3.0},
-            {},
-            "time_column: ends at 1 s of the run; must end at simulation.duration",
-        ),
-        (
-            2,
-            {"columns": dict.fromkeys(("surge", "heave", "pitch"), "0")},
-            {},
-            "columns: every motion is 0; must name a column",
-        ),
-        (
-            3,
-            {"columns": {"yaw": "-heading"}},
-            {"base.tilt_deg": -85.0},
-            "columns: the arm has a tilt of -85 degrees while the vessel rolls or pitches; must",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused_in_one_line(log, dimension, motion, values, text):
+STILL = dict.fromkeys(("surge", "heave", "pitch"), "0")
+MISTAKES = [
+    (2, {"columns": {"surge": "x"}}, 'columns.surge: got "x", no such column in log.csv'),
+    (2, {"columns": {"yaw": "heading"}}, 'columns.yaw: got "heading"; must be left out in'),
+    (2, {"columns": {"sge": "0"}}, "columns.sge: unknown key; did you mean .*columns.surge"),
+    (2, {"offset": [1, 2, 3]}, r"offset: got \[1.0, 2.0, 3.0\]; must be \[x, z\]"),
+    (2, {"skip": 3.0}, "time_column: ends at 1 s of the run; must end at simulation.duration"),
+    (2, {"columns": STILL}, "columns: every motion is 0; must name a column"),
+    (
+        3,
+        {"columns": {"yaw": "-heading"}},
+        "columns: the arm has a tilt of -85 degrees while the",
+    ),
+]
+
+
+@pytest.mark.parametrize(("dimension", "motion", "text"), MISTAKES)
+def test_what_cannot_be_is_refused_in_one_line(log, dimension, motion, text):
     with pytest.raises(ScenarioError, match=rf"base.motion.0.{text}") as found:
-        _ = Prepared(moved(log, dimension, motion, **values)).system
+        _ = Prepared(moved(log, dimension, motion, **{"base.tilt_deg": -85.0})).system
     assert len(found.value.lines) == 1
 
 
@@ -143,5 +122,4 @@ def test_a_vessel_that_moves_too_fast_has_a_note(log):
         for note in plausibility_warnings(Prepared(moved(log, 2, {"offset": [900.0, 0.0]})))
         if note.startswith("base.motion")
     ]
-    assert "base.motion.0.file: got" in note
     assert "of the base = " in note

