@@ -408,7 +408,7 @@ def lying():
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_tangent_is_the_slope_of_the_residual():
     system = lying()
     state = system.rest()
@@ -460,7 +460,7 @@ def test_the_tangent_is_the_slope_of_the_residual():
     np.testing.assert_allclose((ahead - behind) / (2 * size), expected, atol=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_gradient_through_a_rolling_contact_agrees_with_differences():
     system, down, _ = on_slope(2, 0.5, arms={"tolerance": 1e-13})
     start = system.rest()

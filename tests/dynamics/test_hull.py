@@ -219,7 +219,7 @@ def test_forces_in_space_are_those_in_the_plane(floats):
     assert found[3] == pytest.approx(found[2], abs=1e-9 * np.abs(found[2]).max())
 
 
-@pytest.mark.release
+@pytest.mark.slow
 def test_an_arm_at_rest_on_its_hull_hands_its_loads_to_the_base():
     state = system(2, False, friction=0.0).equilibrium()
     gap, place = np.asarray(state.far_gaps[-1]), np.asarray(state.position[-1])
@@ -260,7 +260,7 @@ def test_gradient_by_the_diameter_is_that_of_differences():
     assert slope == pytest.approx((4 * difference(1e-6) - difference(2e-6)) / 3, rel=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_that_curls_onto_its_hull_pushes_it_and_keeps_their_momentum():
     # in a vacuum, by a chamber
     chamber = {

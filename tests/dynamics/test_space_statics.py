@@ -131,7 +131,7 @@ def differences(system, exact):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_every_load_at_once_is_the_boundary_value_problems_solution():
     turns = {"pan": 0.4, "tilt": 0.3, "roll": 0.8}
     system = loaded(11, **turns)

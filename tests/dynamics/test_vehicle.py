@@ -163,7 +163,9 @@ def pushed(system):
     return jnp.asarray(velocity)
 
 
-in_both_dimensions = pytest.mark.parametrize("axes", [2, 3])
+in_both_dimensions = pytest.mark.parametrize(
+    "axes", [2, pytest.param(3, marks=pytest.mark.release)]
+)
 
 
 def still(axes):
@@ -399,7 +401,9 @@ def test_one_too_heavy_to_be_pushed_is_a_base_that_is_held():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("axes", "ball"), [(2, True), (3, False)])
+@pytest.mark.parametrize(
+    ("axes", "ball"), [pytest.param(2, True, marks=pytest.mark.release), (3, False)]
+)
 def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     beside = {"obstacles": obstacles([[0.4, 0.012]], radius=1e-3, mass=0.3)} if ball else {}
     system = floating(axes, floats={"drag": 3.0, "bandwidth": 1.0}, arms=beside)

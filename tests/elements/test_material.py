@@ -16,7 +16,7 @@ from helpers.motion import gain, march_with_books
 
 RATIO, TIME = np.array([0.4, 0.2]), np.array([1.5, 0.05])
 DAMPING = 0.003
-both = pytest.mark.parametrize("axes", [2, 3])
+both = pytest.mark.parametrize("axes", [2, pytest.param(3, marks=pytest.mark.release)])
 
 
 def bar(axes, relaxation=(RATIO, TIME), **more):
@@ -182,7 +182,7 @@ def test_the_energy_balance_of_a_relaxing_arm_closes(axes):
     assert float(gained) == pytest.approx(sum(works.values()), abs=2e-4 * -works["damping"])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_gradient_by_ratio_and_time_is_that_of_differences():
     def tip(ratio, time):
         system = bar(2, jnp.stack([ratio, time])[:, None], rest_curvature=0.5, gravity=2.0)

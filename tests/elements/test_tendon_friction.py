@@ -28,7 +28,7 @@ PULL = {"time": [0.0, 15.0, 20.0, 30.0, 35.0], "share": [0.0, 1.0, 1.0, 0.4, 0.4
 HELD = {"time": [0.0, 1.0, 2.0, 3.0, 4.0], "share": [1.0] * 5}
 CHUNK = 100
 """Steps of the program that runs an arm."""
-both = pytest.mark.parametrize("axes", [2, 3])
+both = pytest.mark.parametrize("axes", [2, pytest.param(3, marks=pytest.mark.release)])
 
 
 def scenario(axes=2, nodes=21, schedule=PULL, **tendon):

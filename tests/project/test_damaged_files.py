@@ -216,7 +216,7 @@ def test_damaged_files_are_refused_in_one_line(reader, tmp_path, bounded):
     check(reader, tmp_path, FEW, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @readers
 def test_files_damaged_anew_are_refused_in_one_line(reader, tmp_path, bounded, pytestconfig):
     seconds = pytestconfig.getoption("fuzz")

@@ -11,7 +11,7 @@ from crinoid.scenario import builtin_names
 from helpers.builtin import STORED, assert_held, assert_traced, besides_lock_in, imbalance
 from helpers.paths import ROOT
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.release
 
 LARGER = {
     name: gains.model_dump() | {key: 1.5 * getattr(gains, key) for key in ("kp", "ki", "kd")}

@@ -5,7 +5,7 @@ import pytest
 
 import crinoid
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("optimised")]
+pytestmark = [pytest.mark.release, pytest.mark.usefixtures("optimised")]
 
 RADIUS = 0.035
 

@@ -7,7 +7,7 @@ import crinoid
 from crinoid.simulation import equilibrium
 from helpers.builtin import imbalance
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("optimised")]
+pytestmark = [pytest.mark.release, pytest.mark.usefixtures("optimised")]
 
 
 def run(name, *changes):

@@ -7,7 +7,7 @@ import crinoid
 from crinoid.results.errors import tip_error
 from helpers.builtin import assert_held, assert_traced, besides_lock_in
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("optimised")]
+pytestmark = [pytest.mark.release, pytest.mark.usefixtures("optimised")]
 
 
 @pytest.mark.parametrize(

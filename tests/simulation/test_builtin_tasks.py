@@ -7,7 +7,7 @@ import crinoid
 from benchmarks.tasks import TASKS
 from crinoid.results.effort import driven
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.release
 
 SHORT = {"reach-3d": 8.0, "trace-3d": 12.0}
 """Tasks of which a part shows as much (s)."""

@@ -10,7 +10,7 @@ pytest.importorskip("control")
 EXAMPLE = ROOT / "examples" / "mpc_in_the_loop.py"
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_controller_of_python_control_closes_the_loop_in_eighty_lines():
     assert len(EXAMPLE.read_text("utf-8").splitlines()) <= 80
     result = load_script(EXAMPLE).run(6.0)

@@ -127,7 +127,7 @@ def pressed(speed: float) -> crinoid.Scenario:
     return TOUCHED.with_values({"obstacle.0.position": [0.3, -12.0], "obstacle.1": wall})
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_without_room_gets_a_note_and_a_crushed_one_fails():
     run = crinoid.simulate(pressed(0.04))
     depth = -1e3 * float(run.dataset["contact_closest"].values[-1, 1])
@@ -140,7 +140,7 @@ def test_an_arm_without_room_gets_a_note_and_a_crushed_one_fails():
     assert any(note.startswith("obstacle 1 penetrated the arm by 50 mm") for note in run.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_hit_that_no_step_resolves_ends_the_run_and_says_so():
     shot = {"kind": "sphere", "position": [0.1, -10.5], "radius": 0.005, "velocity": [0.0, 1e5]}
     with pytest.raises(SimulationError) as caught:

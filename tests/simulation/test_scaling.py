@@ -11,7 +11,7 @@ from crinoid.scenario import Scenario
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import unit_of
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.release
 
 LENGTH, TIME, MASS = 2.0, 4.0, 3.0
 BASE = {"m": (1, 0, 0), "s": (0, 1, 0), "kg": (0, 0, 1), "N": (1, -2, 1), "Pa": (-1, -2, 1)}

@@ -240,7 +240,7 @@ def test_a_paced_session_keeps_the_wall_clock_and_says_how_late_it_was(session):
     assert session.late.last < 0.2  # the pause does not count
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_in_space_with_a_target_that_the_base_carries():
     """A target in the frame of the base moves with it, in late readings as well."""
     values = {

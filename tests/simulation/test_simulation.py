@@ -366,7 +366,7 @@ def test_an_equilibrium_carries_no_load_of_a_flow_that_is_just_turning():
     np.testing.assert_allclose(found["base_force"].values[0], 0.0, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("duration", [0.58, 0.7])
 def test_a_table_that_ends_with_the_run_moves_the_base_to_the_last(duration):
     # sums of time steps that round-off carries past the end of the table
@@ -410,7 +410,7 @@ def test_the_gain_margin_is_where_a_run_begins_to_swing_by_itself():
     assert late[1.1] > 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_target_that_the_submarine_carries_is_held_however_late_the_readings():
     # a reading of 50 ms ago and a target of now would hold the tip 15 mm ahead
     scenario = crinoid.Scenario(

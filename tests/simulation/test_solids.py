@@ -63,7 +63,7 @@ BED |= {"kind": "seabed", "file": "bed.nc", "height": "z"}
 SPHERE = BALL | {"kind": "sphere", "radius": 0.1}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("solid", "known", "dimension"), [(MESH, SPHERE, 2), (BED, PLANE, 3)])
 def test_a_solid_from_a_file_lifts_the_arm_as_what_it_is(folder, solid, known, dimension):
     exact = landed(2, known)
@@ -121,7 +121,7 @@ def rolled(system):
     return end.obstacle_position, end.motion.velocity[system.forces.rows.rotations], good.all()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_free_bodies_roll_down_a_bed_from_a_file_as_down_a_plane(folder):
     rolling = {"kind": "sphere", "radius": 0.05, "mass": 2.0, "friction": 0.5}
     rolling["position"] = [0.0, -10.08 + 0.05 * np.hypot(1.0, 0.1) - 1e-4]
