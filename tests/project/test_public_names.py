@@ -67,7 +67,7 @@ def test_sections_name_what_goes_in_and_what_comes_out(path):
     assert all(each.type for each in doc["Returns"])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("name", NAMES)
 def test_examples_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
