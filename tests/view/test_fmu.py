@@ -16,7 +16,7 @@ from crinoid.results.own_files import is_own
 from crinoid.scenario import load
 from crinoid.scenario.library import builtin_files, builtin_text
 from crinoid.view.export.fmu import write_fmu
-from helpers.command import refused, succeeded
+from helpers.command import succeeded
 
 PLANE = ["arm.nodes=6", "simulation.duration=0.1", "simulation.max_halvings=1", "flow.1.modes=8"]
 SPACE = """
@@ -246,26 +246,3 @@ def test_an_export_depends_on_its_scenario_only(tmp_path):
 
     assert token(tmp_path) == token(tmp_path)
     assert token(tmp_path) != token(tmp_path, "arm.length=0.6")
-
-
-def test_mistakes_are_one_line_each(tmp_path, monkeypatch):
-    def line(*arguments):
-        return refused("export", *arguments)
-
-    fmu = ["--to", "fmu", "--out", tmp_path]
-    assert "still-watr: no such file or built-in scenario; did you mean" in line("still-watr", *fmu)
-    assert "vary: is of several cases. Choose one" in line("constant-load", *fmu)
-    assert "--instants: needs a result. Leave" in line("curl", *fmu, "--instants", 3)
-    assert "--set: needs --to fmu" in line("results", "--to", "csv", "--set", "arm.length=1")
-    assert "arm.lengh: unknown key" in line("curl", *fmu, "--set", "arm.lengh=1")
-    assert '"onnx" or "fmu"' in line("curl", "--to", "fmi")
-    (tmp_path / "curl.fmu").write_text("of another program")
-    assert "curl.fmu was not written by crinoid" in line("curl", *fmu)
-    (tmp_path / "file").touch()
-    below = ["--to", "fmu", "--out", tmp_path / "file" / "below"]
-    assert "Not a directory" in line("curl", *below)
-    assert "file is a file; must be a folder" in line(
-        "curl", "--to", "fmu", "--out", tmp_path / "file"
-    )
-    monkeypatch.setitem(sys.modules, "pythonfmu3", None)
-    assert 'pip install "crinoid[fmu]"' in line("still-water", *fmu)

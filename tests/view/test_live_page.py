@@ -2,7 +2,6 @@
 
 import re
 import socket
-import sys
 import threading
 import time
 from importlib import import_module
@@ -21,7 +20,6 @@ from crinoid.view.live.scene import LiveScene
 from crinoid.view.live.session import LiveSession
 from crinoid.view.live.session_log import Snapshot
 from helpers.browsing import Opened
-from helpers.command import refused
 from helpers.live import LIVE
 
 pytestmark = pytest.mark.slow
@@ -96,21 +94,6 @@ def test_rigid_bodies_are_those_of_other_views():
     assert np.ptp(added["/boom"].vertices, axis=0)[0] == pytest.approx(0.1)
     scene.show(FRAME)
     assert not added["/boom"].visible
-
-
-@pytest.mark.parametrize("floats", [False, True])
-def test_a_hull_turns_with_its_base(floats):
-    vehicle = {"hull": {"length": 0.6, "diameter": 0.2}}
-    vehicle |= {"mass": 30.0, "inertia": 1.0} if floats else {}
-    scenario = LIVE.with_values({"vehicle": vehicle, "contact.self": True, "arm.nodes": 4})
-    turned = np.array([0.0, 0.0, np.deg2rad(90.0)])  # the tilt lifts the bow
-    pose = {"vehicle": turned} if floats else {"pose": turned, "vehicle": None}
-    up = FRAME._replace(nodes=-NODES, **pose)
-    added, _ = drawn(scenario, up)
-    hull = added["/hull"].vertices
-    low, high = hull.min(axis=0), hull.max(axis=0)
-    np.testing.assert_allclose(low, [-0.1, -0.1, -0.6], atol=2e-3)
-    np.testing.assert_allclose(high, [0.1, 0.1, 0.0], atol=2e-3)
 
 
 def test_debris_is_parked_apart_from_obstacles():
@@ -253,15 +236,3 @@ def test_buttons_and_sliders_reach_the_session(browser, served, session):
         page.wait(f"() => {NOW} < {later}")
     assert session.numbers.current == 1.0
     assert session.state.state.gap.shape[0] == 2
-
-
-def test_mistakes_are_refused_before_anything_is_computed(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "many.toml").write_text('[vary]\n"arm.length" = [0.4, 0.5]\n')
-
-    line = refused("live", "still-water", "--port", 70000)
-    assert "--port: got 70000; must be 0 (any free port) to 65535" in line
-    assert "vary: a live session is of one case" in refused("live", "many.toml")
-    monkeypatch.setitem(sys.modules, "viser", None)
-    assert 'pip install "crinoid[live]"' in refused("live", "still-water")
-    assert [each.name for each in tmp_path.iterdir()] == ["many.toml"]

@@ -65,17 +65,6 @@ def test_a_page_opens_without_a_complaint_and_asks_for_nothing(shown, spatial):
     assert shown.ask("() => document.querySelector('.stage').classList.contains('drawn')")
 
 
-@pytest.mark.parametrize("wide", [390, 1200])
-def test_the_colours_and_the_names_of_the_arms_do_not_overlap(wide, browser, spatial):
-    with Shown(browser, spatial[1], wide, 800) as opened:
-        stage, colours, names = (
-            opened.page.locator(place).bounding_box() for place in ("#stage", "#legend", "#names")
-        )
-        assert names["y"] + names["height"] < colours["y"]
-        assert colours["y"] + colours["height"] < stage["y"] + stage["height"]
-        assert colours["x"] + colours["width"] < stage["x"] + stage["width"]
-
-
 def test_all_nodes_are_drawn_where_the_result_has_them(shown, spatial):
     result = spatial[0].result
     assert shown.ask("() => crinoid.scene.arms.map((arm) => arm.nodes)") == [31, 31]
@@ -166,14 +155,9 @@ def test_scrubbing_turning_and_colours_change_the_picture(shown):
     assert shown.complaints == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_phone_shows_all_of_a_planar_run_in_its_width(scheme, browser, planar):
-    with Shown(browser, planar, 390, 844, color_scheme=scheme) as opened:
+def test_a_phone_shows_all_of_a_planar_run_in_its_width(browser, planar):
+    with Shown(browser, planar, 390, 844, color_scheme="dark") as opened:
         assert opened.ask("() => document.documentElement.scrollWidth") <= 390
-        table = opened.page.locator(".numbers")
-        assert table.evaluate("(e) => e.scrollWidth <= e.clientWidth")
-        paper = opened.ask("() => getComputedStyle(document.body).backgroundColor")
-        assert (paper == "rgb(18, 23, 26)") == (scheme == "dark")
         assert opened.complaints == []
 
 

@@ -12,7 +12,6 @@ from crinoid.studies.statistics import Mean
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import study as charts
 from crinoid.view.figures import write_means, write_page, write_report
-from crinoid.view.figures.measures import plain_number
 from crinoid.view.figures.study import Study, effects_of, key_of, study_of
 from crinoid.view.figures.style import Unit
 from crinoid.view.page.study import MOST_CASES, study_page_of
@@ -155,21 +154,6 @@ def test_cells_of_several_seeds_have_intervals_and_axes_have_units(tmp_path):
         assert_shows_something(figure)
     write_study(tmp_path, rows[:9:3])  # neither seeds nor all combinations
     assert write_means(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.0, "0"),
-        (0.02, "0.02"),
-        (2e5, "200000"),
-        (3e7, "3 \N{MULTIPLICATION SIGN} 10⁷"),
-        (1e-6, "10⁻⁶"),
-        (1 / 3, "0.3333"),
-    ],
-)
-def test_numbers_are_written_plainly(value, text):
-    assert plain_number(value) == text
 
 
 def test_many_cases_are_thinned_and_the_page_says_so(tmp_path):
