@@ -129,9 +129,6 @@ def test_things_about_the_arm_move_as_surfaces(run, tmp_path):
         cells = vtk_to_numpy(around.GetPolys().GetConnectivityArray()).reshape(-1, 3)
         found = arrays(around.GetCellData())
         assert {KINDS[kind] for kind in found["kind"]} == {each.kind for each in things}
-        target = points[np.unique(cells[found["kind"] == KINDS.index("target")])]
-        wanted = 2 * in_space(data, "tip_target")[record]
-        np.testing.assert_allclose(target.min(0) + target.max(0), wanted, atol=1e-5)
         if "obstacle_position" in data:
             number = [each.name for each in things].index("obstacle 0")
             first = points[np.unique(cells[found["thing"] == number])]
@@ -355,30 +352,19 @@ def test_joints_are_where_the_nodes_are_and_carry_the_surface(run, tmp_path):
             np.testing.assert_allclose(np.sum(first * mean, axis=1), 1.0, atol=2e-3)
 
 
-def test_things_about_the_arm_are_nodes_that_move(tmp_path):
-    data = with_tool(among_obstacles(**SMALL))
+def test_things_about_the_arm_are_nodes_that_move_and_turn(tmp_path):
+    data = with_tool(among_solids(**SMALL))
     found = Animated(*write_gltf(save(data, tmp_path / "result.nc"), tmp_path).files)
-    obstacles = data["obstacle_position"].values
     places = {"target": data["tip_target"].values, "joint": data["position"].values[:, 0]}
-    places |= {f"obstacle {number}": obstacles[:, number] for number in (0, 2)}
+    places["obstacle 2"] = data["obstacle_position"].values[:, 2]
     for name, expected in places.items():
         place = found.follow(found.named(name), "translation", 5)
         np.testing.assert_allclose(place, upright(expected), atol=2e-6)
     size = found.follow(found.named("tool"), "scale", 5)
     np.testing.assert_array_equal(size[:, 0], [0, 0, 1, 1, 1])
-    assert found.gltf.asset.extras["title"] == data.attrs["title"]
-
-
-def test_a_capsule_turns_a_hull_follows_and_solids_are_as_the_result_has_them(tmp_path):
-    data = among_solids(**SMALL)
-    found = Animated(*write_gltf(save(data, tmp_path / "result.nc"), tmp_path).files)
     turn = found.follow(found.named("obstacle 2"), "rotation", 5)
     along = turned(turn, np.tile(upright(np.array([1.0, 0.0, 0.0])), (5, 1)))
     np.testing.assert_allclose(along, upright(data["obstacle_axis"].values[:, 2]), atol=1e-6)
-    (run,) = build_scene([("", data)], 99, 99).members
-    nose = found.follow(found.named("hull"), "translation", 5)
-    nose = upright(data["position"].values[:, 0]) - nose
-    np.testing.assert_allclose(nose, 0.3 * upright(run.mount.direction), atol=2e-6)
     surface = found.gltf.meshes[found.gltf.nodes[found.named("obstacle 0")].mesh].primitives[0]
     points = found.read(surface.attributes.POSITION)
     rock = upright(data["surface_point"].values[:6])
@@ -386,19 +372,12 @@ def test_a_capsule_turns_a_hull_follows_and_solids_are_as_the_result_has_them(tm
 
 
 @pytest.mark.parametrize(
-    "shape",
-    [
-        BodyShape("ellipsoid", 0.3, 0.3),
-        BodyShape("ellipsoid", 0.7, 0.2),
-        BodyShape("capsule", 0.5, 0.1),
-        BodyShape("rod", 0.7, 0.1),
-        BodyShape("plate", 0.0, 0.4),
-    ],
-    ids=["ball", "ellipsoid", "capsule", "rod", "plate"],
+    "kind, half, radius",
+    [("ellipsoid", 0.7, 0.2), ("capsule", 0.5, 0.1), ("rod", 0.7, 0.1), ("plate", 0.0, 0.4)],
 )
 @pytest.mark.parametrize("longest", [np.inf, 0.2])
-def test_triangles_and_normals_look_outward(shape, longest):
-    mesh = shape.mesh(longest)
+def test_triangles_and_normals_look_outward(kind, half, radius, longest):
+    mesh = BodyShape(kind, half, radius).mesh(longest)
     corners = mesh.points[mesh.triangles]
     out = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.linalg.norm(out, axis=1).min() > 0.0

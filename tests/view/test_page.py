@@ -14,7 +14,6 @@ from crinoid.view.page.parts import Pack
 from crinoid.view.page.plots import RECORDS, extreme_instants
 from crinoid.view.page.scene import page_scene, scene_of
 from crinoid.view.page.write import page_of
-from crinoid.view.scene.data import even_indices
 from crinoid.view.scene.mount import base_directions
 from crinoid.view.scene.scene import build_scene
 from helpers.figures import assert_report
@@ -95,14 +94,6 @@ def test_a_trace_of_many_values_keeps_its_extremes_and_stays_small():
     np.testing.assert_array_equal(chosen, extreme_instants(traces[1], traces))
 
 
-def test_instants_are_chosen_evenly_with_the_first_and_the_last():
-    assert even_indices(5, 10).tolist() == [0, 1, 2, 3, 4]
-    chosen = even_indices(100_003, 1501)
-    assert chosen.size == 1501
-    assert chosen[[0, -1]].tolist() == [0, 100_002]
-    assert np.ptp(np.diff(chosen)) <= 1
-
-
 def test_half_a_minute_in_space_at_50_instants_a_second_is_below_3_megabytes():
     rng, time, runs = np.random.default_rng(0), np.linspace(0.0, 30.0, 1501), []
     for driven in (True, False):
@@ -112,14 +103,6 @@ def test_half_a_minute_in_space_at_50_instants_a_second_is_below_3_megabytes():
     text = page_of(Run(*runs))
     assert len(text.encode()) < 3e6
     assert re.search(r"shows \d+ of 1501 saved instants", text)
-
-
-def test_a_hundred_thousand_instants_are_thinned_and_the_page_says_so():
-    made = swaying_arm(records=1000, nodes=3).isel(time=np.arange(100_000) // 100)
-    text = page_of(Run(made.assign_coords(time=np.linspace(0.0, 1e4, 100_000))))
-    assert len(text.encode()) < 3e6
-    assert "shows 1501 of 100000 saved instants" in text
-    assert f"at most {RECORDS} of 100000 saved instants" in text
 
 
 @pytest.mark.usefixtures("coarse")
@@ -133,14 +116,6 @@ def test_a_run_that_ends_in_nan_has_figures_and_a_page_up_to_there(tmp_path):
     assert '<p class="status">diverged at 18 s</p>' in text
     note = "21 saved instants are left out: at these the arm has no shape to draw."
     assert f"<li>{escape(note)}</li>" in text
-
-
-def test_an_arm_that_flies_far_is_packed_more_coarsely():
-    data = swaying_arm(records=5)
-    data["position"][4, -1, 0] = 1e8
-    table, packed, _ = scene_of(build_scene([("", data)], 100, 50))
-    found, _ = positions(packed, table["members"][0], 5)
-    np.testing.assert_allclose(found[4, -1, 0], 1e8, rtol=1e-6)
 
 
 UNFIT = [("base_servo", np.nan), ("flow_velocity", np.nan), ("tip_target", np.nan)]

@@ -11,7 +11,7 @@ from crinoid.cli.folder import clear_figures
 from crinoid.foundation.result_variables import large_names
 from crinoid.results.own_files import is_own
 from crinoid.view.figures import write_report
-from crinoid.view.figures.charts.drive import drawn_in, drive_chart
+from crinoid.view.figures.charts.drive import drive_chart
 from crinoid.view.figures.charts.touch import contact_chart
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.run import Run
@@ -184,10 +184,3 @@ assert settings() == before
 assert "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
-
-
-def test_small_drives_are_drawn_in_a_unit_that_the_label_names():
-    shares = [(0.4, "share", 0.4), (7.2e-5, "10⁻⁵ of share", 7.2), (0.0, "share", 0.0)]
-    for unit, (most, name, drawn) in [*(("1", row) for row in shares), ("N", (7.2e-5, "µN", 72.0))]:
-        found = drawn_in(unit, most)
-        assert (found.name, found.factor * most) == (name, pytest.approx(drawn))

@@ -12,7 +12,7 @@ from crinoid.view.figures.run import Run
 from crinoid.view.figures.shape import draw_bending
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.surroundings import tool_facets
-from crinoid.view.scene.clip import obstacle_facets, obstacle_outline
+from crinoid.view.scene.clip import obstacle_facets
 from crinoid.view.scene.data import find_obstacles
 from crinoid.view.scene.mount import base_directions
 from crinoid.view.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE, perspective
@@ -120,22 +120,6 @@ def test_a_point_is_where_its_line_to_the_eye_meets_the_paper():
     np.testing.assert_allclose(view.paper(points), OBLIQUE.paper(met), atol=1e-12)
     order = np.argsort(view.depth(points))
     np.testing.assert_array_equal(order, np.argsort(-np.linalg.norm(eye - points, axis=1)))
-
-
-def test_silhouettes_are_those_of_the_bodies_in_space():
-    turn = np.linspace(0, 2 * np.pi, 60)
-    directions = np.stack([np.cos(turn), np.sin(turn)])
-    ball = np.random.default_rng(0).normal(size=(40000, 3))
-    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
-    sphere, _, capsule, _ = find_obstacles(among_obstacles(records=3))
-    for body in (sphere, capsule):
-        ends = [body.radius * ball + s * body.half_axis[-1] for s in (-1, 1)]
-        points = body.path[-1] + np.concatenate(ends)
-        for view in (SIDE, ABOVE, AHEAD, OBLIQUE):
-            drawn, expected = obstacle_outline(body, -1, LOW, HIGH, view), view.paper(points)
-            reach, wanted = ((each @ directions).max(axis=0) for each in (drawn, expected))
-            np.testing.assert_allclose(reach, wanted, atol=0.01 * body.radius)
-    assert np.linalg.norm(capsule.half_axis[-1]) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(

@@ -132,7 +132,7 @@ def test_cells_and_lines_hold_means(tmp_path):
     assert np.isnan(drawn["rms_error low"]).all()
 
 
-def test_cells_of_several_seeds_have_intervals_and_axes_have_units(tmp_path):
+def test_cells_of_several_seeds_have_intervals(tmp_path):
     keys = ("arm.youngs_modulus", "arm.length", "seed")
     levels = [(a, b, n) for a in (1e5, 2e6) for b in (0.3, 0.5) for n in range(3)]
     rows = [study_row(n, **dict(zip(keys, each, strict=True))) for n, each in enumerate(levels, 1)]
@@ -140,18 +140,12 @@ def test_cells_of_several_seeds_have_intervals_and_axes_have_units(tmp_path):
         del row["flow.0.velocity"]
     cases = study_of_rows(tmp_path, rows)
     found = told(study_page_of(cases, "", [None] * len(cases)))
-    labels = [key["label"] for key in found["keys"]]
-    assert labels == ["arm.youngs_modulus (Pa)", "arm.length (m)", "seed"]
     plot = Document.from_json(found["views"][0]["document"]).roots[0]
     drawn = plot.select_one({"name": "cells"}).data_source.data
     expected = stats.ttest_1samp([6.0, 12.0, 18.0], 0.0).confidence_interval()
     assert drawn["rms_error half"][0] == pytest.approx((expected.high - expected.low) / 2)
-    assert plot.below[0].major_label_overrides == {0: "100000", 1: "2000000"}
-    for some in (rows, [row for row in rows if row["arm.length"] == 0.3], rows[::3]):
-        write_study(tmp_path, some)
-        (figure,) = write_means(tmp_path)
-        assert figure == tmp_path / "means.png"
-        assert_shows_something(figure)
+    (figure,) = write_means(tmp_path)
+    assert_shows_something(figure)
     write_study(tmp_path, rows[:9:3])  # neither seeds nor all combinations
     assert write_means(tmp_path) == []
 
@@ -173,13 +167,7 @@ def test_the_page_of_a_sweep_has_the_indices_of_its_plan(tmp_path):
     (tmp_path / "plan.toml").write_text(plan.to_toml(), "utf-8")
     values = [plan.values(run) for run in range(1, plan.runs + 1)]
     rows = [
-        {
-            "case": f"case-{n}",
-            **v,
-            **dict.fromkeys(COLUMNS, ""),
-            "status": "ok",
-            "directory": "x",
-        }
+        {"case": f"case-{n}", **v, **dict.fromkeys(COLUMNS, ""), "status": "ok", "directory": "x"}
         | {"rms_error": 10.0 * v["arm.length"] + 50.0 * v["arm.radius"]}
         for n, v in enumerate(values)
     ]
