@@ -10,10 +10,10 @@ from crinoid.foundation.result_variables import quantity
 from crinoid.results.metrics import MEASURES, RunStatistics
 from crinoid.view.figures.charts.spectra import fluctuation_spectrum, load_chart
 from crinoid.view.figures.charts.summary import summary
-from crinoid.view.figures.charts.tip import off_direction, tip_chart
+from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
 from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, shedding_frequency, vortex_chart
+from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.sheet import in_best_frame
@@ -140,14 +140,6 @@ def test_positions_are_relative_to_a_base_that_drives_far():
     assert in_best_frame(near) == (near, "")
 
 
-def test_the_direction_of_a_planar_tip_is_off_by_the_short_way():
-    made = planar_result.swaying_arm(records=5)
-    target = made["tip_angle"] + np.array([0.1, -0.2, 2 * np.pi, 0.0, -2 * np.pi - 0.3])
-    found = off_direction(made.assign(tip_angle_target=target))
-    np.testing.assert_allclose(found, [0.1, 0.2, 0.0, 0.0, 0.3], atol=1e-12)
-    assert off_direction(made.drop_vars("tip_angle")) is None
-
-
 def touching():
     """Return a run whose first and last edge press on each other from the middle on."""
     time = np.linspace(0.0, 2.0, 21)
@@ -204,21 +196,15 @@ def shedding(phase):
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
-def test_the_frequency_of_shedding_is_the_rate_of_the_phase(wrapped):
+def test_the_chart_of_vortices_has_their_frequency_next_to_that_of_the_arm(wrapped):
     phase = 2 * np.pi * 1.3 * TIME
-    if wrapped:
-        phase = np.angle(np.exp(1j * phase))
-    np.testing.assert_allclose(shedding_frequency(shedding(phase), 1), 1.3, rtol=1e-6)
-
-
-def test_the_chart_shows_frequencies_next_to_those_of_the_arm_and_the_largest_force():
-    both = Run(shedding(2 * np.pi * 1.3 * TIME), shedding(2 * np.pi * 1.0 * TIME))
-    assert has_vortices(both)
-    assert not has_vortices(Run(both.result.drop_vars("vortex_force")))
-    frequency, force = vortex_chart(both).panels
+    run = Run(shedding(np.angle(np.exp(1j * phase)) if wrapped else phase))
+    assert has_vortices(run)
+    assert not has_vortices(Run(run.result.drop_vars("vortex_force")))
+    frequency, force = vortex_chart(run).panels
     assert [level.value for level in frequency.levels] == [1.4]
     np.testing.assert_allclose(frequency.traces[0].values, 1.3, rtol=1e-6)
-    assert force.traces[0].words == "with control: 0.283 N/m RMS"
+    assert "0.283 N/m RMS" in force.traces[0].words
 
 
 def test_lock_in_ends_by_the_mass_ratio_or_by_the_model():

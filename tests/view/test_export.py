@@ -372,7 +372,7 @@ def test_things_about_the_arm_are_nodes_that_move_and_turn(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "kind, half, radius",
+    ("kind", "half", "radius"),
     [("ellipsoid", 0.7, 0.2), ("capsule", 0.5, 0.1), ("rod", 0.7, 0.1), ("plate", 0.0, 0.4)],
 )
 @pytest.mark.parametrize("longest", [np.inf, 0.2])

@@ -57,15 +57,12 @@ def test_the_scene_holds_solids_a_capsule_that_turns_and_a_hull():
     data = among_solids(records=5)
     table, numbers, _ = scene_of(page_scene([("", data)]))
     (member,) = table["members"]
-    rock, bed, capsule = member["bodies"]
+    _, bed, capsule = member["bodies"]
     points, facets = (data[name].values for name in ("surface_point", "surface_facet"))
-    for body, first, count in ((rock, 0, 6), (bed, 6, 49)):
-        found = unpacked(numbers, body["points"])
-        np.testing.assert_allclose(
-            found, points[first : first + count], atol=body["points"]["step"]
-        )
-        own = facets[(facets >= first).all(axis=1) & (facets < first + count).all(axis=1)]
-        np.testing.assert_array_equal(unpacked(numbers, body["facets"]), own - first)
+    found = unpacked(numbers, bed["points"])
+    np.testing.assert_allclose(found, points[6:], atol=bed["points"]["step"])
+    own = facets[data["facet_obstacle"].values == 1] - 6
+    np.testing.assert_array_equal(unpacked(numbers, bed["facets"]), own)
     half = unpacked(numbers, capsule["half"])
     axis = data["obstacle_axis"].values[:, 2]
     np.testing.assert_allclose(half, 0.1 * axis, atol=capsule["half"]["step"])
@@ -138,20 +135,6 @@ def test_the_animation_leaves_out_instants_that_lack_a_number(name, value):
     broken[name][:] = value
     with pytest.raises(ReportError, match="no instant can be drawn"):
         build_scene([("", broken)], 100, 50)
-
-
-def test_a_floating_submarine_carries_its_mount_and_a_servo_moves_the_root_from_it():
-    data = swaying_arm(records=5)
-    pan = 0.0 * data["base_pose"]
-    pan[:, 2] = np.linspace(0.0, 0.5, 5)  # the vehicle pitches
-    data = data.assign(base_servo=data["base_pose"], vehicle_pose=pan)
-    (moving,) = build_scene([("", data)], 10, 50).members
-    slide = data["base_servo"].values[:, 0]
-    ahead = np.stack([np.cos(pan[:, 2]), 0.0 * slide, np.sin(pan[:, 2])], axis=1)
-    root = moving.mount.anchor + slide[:, None] * ahead
-    np.testing.assert_allclose(root, moving.position[:, 0], atol=1e-12)
-    tilt = data["base_pose"].values[:, 2] + pan[:, 2].values
-    np.testing.assert_allclose(moving.mount.direction[:, 2], np.sin(tilt), atol=1e-12)
 
 
 @pytest.fixture(scope="module")
