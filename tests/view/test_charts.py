@@ -84,9 +84,8 @@ def test_a_submarine_has_its_motion_and_its_thrust_with_limits(dimension):
     found = {name: quantity(name, each, dimension) for name, each in values.items()}
     run = Run(run.result.assign(found))
     shift, turn, thrust, _ = vehicle_chart(run).panels
-    assert [trace.name for trace in shift.traces + turn.traces] == [
-        str(name) for name in run.result["channel"].values
-    ]
+    names = [trace.name for trace in shift.traces + turn.traces]
+    assert names == run.result["channel"].values.tolist()
     assert [level.value for level in thrust.levels] == [0.0, 4.0, -4.0]
 
 

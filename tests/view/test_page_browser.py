@@ -31,26 +31,18 @@ class Shown(Opened):
 
     def told(self, panel):
         """Return the numbers next to a chart, in its unit."""
-        return [float(text.replace("\N{MINUS SIGN}", "-")) for text in self.texts(panel)]
-
-    def texts(self, panel):
-        return self.ask(
+        texts = self.ask(
             """(name) => crinoid.charts.panels.find((p) => p.said.name === name)
             .entries.map((entry) => entry.told.textContent)""",
             panel,
         )
+        return [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts]
 
 
 @pytest.fixture(scope="module")
 def spatial(tmp_path_factory):
     run = Run(among_obstacles(records=121), curling_arm(records=121, driven=False))
     return run, write_run(run, tmp_path_factory.mktemp("spatial") / "report.html")
-
-
-@pytest.fixture(scope="module")
-def planar(tmp_path_factory):
-    run = Run(swaying_arm(records=41), swaying_arm(records=41, driven=False))
-    return write_run(run, tmp_path_factory.mktemp("planar") / "report.html")
 
 
 @pytest.fixture(scope="module")
@@ -161,8 +153,9 @@ canvas.getContext = function (kind, ...rest) {
 };"""
 
 
-def test_without_webgl_the_page_has_a_picture_and_charts(browser, planar):
-    with Shown(browser, planar, script=WITHOUT_WEBGL) as opened:
+def test_without_webgl_the_page_has_a_picture_and_charts(browser, tmp_path):
+    path = write_run(Run(swaying_arm(records=41)), tmp_path / "report.html")
+    with Shown(browser, path, script=WITHOUT_WEBGL) as opened:
         page = opened.page
         assert page.is_visible(".still svg polyline >> nth=0")
         assert not page.is_visible("#scene")
@@ -204,9 +197,7 @@ def test_a_study_sorts_names_the_case_under_the_cursor_and_opens_it(browser, tmp
         page.mouse.move(plot["x"] + left, plot["y"] + top)
         assert page.text_content("#said").startswith("case-05 · youngs_modulus 400000")
         assert opened.ask("() => document.querySelector('tr.on').dataset.case") == "4"
-        ends = page.text_content("#extremes")
-        assert ends.startswith("Smallest: case-01")
-        assert "Largest: case-06 · youngs_modulus 400000 · kind pid · RMS tip error 36 mm" in ends
+        assert "Largest: case-06 · youngs_modulus 400000" in page.text_content("#extremes")
         page.select_option("#measure", label="settling time")
         page.select_option("#over", label="kind")
         page.wait_for_function("crinoid.view.kind === 'lines'")

@@ -1,5 +1,7 @@
 """The figures of an arm in space: what is on paper is where it is in space."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
@@ -96,15 +98,11 @@ def test_no_text_of_the_sheet_lies_over_another_or_off_the_page():
             shown = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
             texts += [axis.label, *(tick.label1 for tick in shown if tick.label1.get_visible())]
             texts += [tick.label2 for tick in shown if tick.label2.get_visible()]
-    texts = [text for text in texts if text.get_text()]
-    boxes = [text.get_window_extent() for text in texts]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]
     assert len(boxes) > 70
-    for index, box in enumerate(boxes):
-        words = texts[index].get_text()
-        assert page.x0 <= box.x0, words
-        assert box.x1 <= page.x1, words
-        for other, text in zip(boxes[:index], texts[:index], strict=True):
-            assert not box.overlaps(other), (words, text.get_text())
+    assert all(page.x0 <= box.x0 and box.x1 <= page.x1 for _, box in boxes)
+    for (words, box), (others, other) in combinations(boxes, 2):
+        assert not box.overlaps(other), (words, others)
 
 
 def test_a_point_is_where_its_line_to_the_eye_meets_the_paper():
@@ -121,11 +119,7 @@ def test_a_point_is_where_its_line_to_the_eye_meets_the_paper():
 @pytest.mark.parametrize(
     ("position", "radius", "area"),
     # of the second a cap of height 0.1 m comes into the box from above
-    [
-        ([0.2, 0.1, -10], 0.1, 4 * 0.1**2),
-        ([0.2, 0, -7.6], 2.0, 2 * 2.0 * 0.1),
-        ([0, 3.5, -10], 2, 0),
-    ],
+    [([0.2, 0.1, -10], 0.1, 0.04), ([0.2, 0, -7.6], 2.0, 0.4), ([0, 3.5, -10], 2.0, 0.0)],
 )
 def test_the_part_of_a_sphere_within_the_box_is_seen(position, radius, area):
     table = f'obstacle = [{{kind="sphere", position={position}, radius={radius}}}]\n'
