@@ -1,6 +1,5 @@
 """Films of runs: what they show, how long they are, and that nothing is left half-written."""
 
-import re
 import signal
 import subprocess
 import sys
@@ -11,24 +10,20 @@ import av
 import matplotlib as mpl
 import numpy as np
 import pytest
-import xarray as xr
 from PIL import Image, ImageSequence
 
 from crinoid.cli.folder import clear_figures
 from crinoid.results.own_files import is_own
 from crinoid.view.figures.style import STYLE
-from crinoid.view.film.camera import PRESETS, SPEEDS, CameraSettings, film_settings
-from crinoid.view.film.panel import WATER
-from crinoid.view.film.picture import RAMPS, Picture, PictureFrame
+from crinoid.view.film.camera import CameraSettings, film_settings
+from crinoid.view.film.picture import Picture
 from crinoid.view.film.surfaces import instant_of
-from crinoid.view.page import parts
-from crinoid.view.scene.bodies import CLAMP_LENGTH
 from crinoid.view.scene.data import in_space
 from crinoid.view.scene.scene import build_scene
 from helpers.command import call, refused, succeeded
 from helpers.planar_result import swaying_arm
-from helpers.spatial_result import among_obstacles, among_solids, curling_arm, frame
-from helpers.studies import save, study_row, write_study
+from helpers.spatial_result import among_obstacles, among_solids, curling_arm
+from helpers.studies import save
 
 film, fails, filmed = (partial(each, "film") for each in (call, refused, succeeded))
 TINY = ("--size", "160x160")
@@ -45,14 +40,6 @@ def planar(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("planar")
     save(small_arm(records=41), folder / "result.nc")
     save(small_arm(records=41, driven=False, sway=0.1), folder / "uncontrolled.nc")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def spatial(tmp_path_factory) -> Path:
-    """Return the folder of a small run in space, among obstacles."""
-    folder = tmp_path_factory.mktemp("spatial")
-    save(among_obstacles(records=21, nodes=6), folder / "result.nc")
     return folder
 
 
@@ -86,18 +73,9 @@ def is_blue(pixel) -> bool:
     return bool(int(pixel[2]) > int(pixel[0]) + 60)
 
 
-def is_water(image) -> np.ndarray:
-    """Tell which pixels have the colour of the arrows."""
-    water = [int(WATER[i : i + 2], 16) for i in (1, 3, 5)]
-    return np.abs(image[..., :3].astype(int) - water).max(axis=-1) < 40
-
-
 def changed(one, other):
     """Tell which pixels of two pictures are far from each other."""
     return np.abs(one.astype(int) - other).sum(axis=-1) > 60
-
-
-# --- the picture ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -143,20 +121,7 @@ def test_between_saved_instants_the_arm_glides():
         np.testing.assert_allclose(instant_of(run, time).position, expected, atol=1e-12)
 
 
-def test_the_arm_comes_out_of_the_end_of_its_clamp_toward_the_eye():
-    data = curling_arm(records=3, nodes=11, flow=(0.0, 0.0, 0.0))
-    picture, times = pictures(data, colour="none", azimuth=-40.0, elevation=25.0)
-    root, beyond = (
-        data["position"].values[0, 0],
-        CLAMP_LENGTH * float(data["diameter"][0]) / 2 + 0.006,
-    )
-    drawn = picture.at(float(times[0]))
-    ahead = np.array([1.0, 0.0, 0.0])
-    assert is_blue(drawn[place(picture, root + beyond * ahead)])
-    assert not is_blue(drawn[place(picture, root + beyond / 2 * ahead)])
-
-
-def test_solids_a_capsule_that_turns_and_a_hull_are_drawn():
+def test_solids_a_capsule_and_a_hull_are_drawn():
     straight = {"bend": (0.0, 0.0), "twist": 0.0, "driven": False, "drift": 0.0}
     data = among_solids(records=3, nodes=11, flow=(0.0, 0.0, 0.0), **straight)
     picture, times = pictures(data, colour="none", view="side")
@@ -168,19 +133,6 @@ def test_solids_a_capsule_that_turns_and_a_hull_are_drawn():
         at = place(picture, seen)
         assert changed(first[at], paper)
         assert not changed(first[at], last[at])
-    end = place(picture, obstacle[2] + [0.09, 0.0, 0.0])  # of the capsule, which turns from there
-    assert not changed(first[end], first[place(picture, obstacle[2])])
-    assert changed(first[end], last[end])
-
-
-@pytest.mark.parametrize("nearer", [0.1, -0.1])
-def test_in_space_the_nearer_arm_hides_the_farther_one(nearer):
-    data = curling_arm(records=3, nodes=11, flow=(0.0, 0.0, 0.0))
-    toward = frame(*np.deg2rad([-40.0, 35.0]), 0.0)[:, 0]
-    other = data.assign(position=data["position"] + nearer * xr.DataArray(toward, dims="axis"))
-    picture, times = pictures(data, other, azimuth=-40.0, elevation=35.0)
-    pixel = picture.at(float(times[0]))[place(picture, data["position"].values[0, 8])]
-    assert is_blue(pixel) == (nearer < 0.0)
 
 
 def test_a_film_shows_the_run_without_control_next_to_the_other():
@@ -193,28 +145,6 @@ def test_a_film_shows_the_run_without_control_next_to_the_other():
     ghost, _ = pictures(still, moving, uncontrolled="ghost")
     alone, _ = pictures(still, moving, uncontrolled="none")
     assert (ghost.at(2.0) != alone.at(2.0)).any(axis=-1).sum() > 100
-
-
-def test_the_current_is_drawn_as_arrows_that_turn():
-    picture, _ = pictures(small_arm(gust=0.2), size=(240, 240))  # without a scale of speeds
-    first, last = (is_water(picture.at(time)) for time in (0.0, 2.0))
-    assert min(first.sum(), last.sum()) > 20
-    assert (first != last).any()
-    dry, _ = pictures(small_arm(flow=0.0))
-    assert not is_water(dry.at(0.0)).any()
-
-
-def test_an_arrow_at_the_foot_gives_the_speed_of_the_arrows():
-    picture, _ = pictures(small_arm(flow=0.3), size=(640, 400), colour="none")
-    drawn = is_water(picture.at(0.0))[:, :160]  # the first arrow, above that at the foot
-    foot = int(400 - picture._frame.unit)
-    (words,) = [each.get_text() for each in picture._frame._over if "water" in str(each)]
-    fastest = np.linalg.norm(picture._panels[0].scene.members[0].water.velocity[0, 0])
-    share = float(words.split()[1]) / fastest
-    assert 0.4 < share < 1.5
-    parts = drawn[foot - 2 : foot + 3], drawn[:340]
-    key, arrow = (np.ptp(np.nonzero(part)[1]) for part in parts)
-    assert key / arrow == pytest.approx(share, rel=0.06)  # three pixels of a sharp head are paler
 
 
 def test_a_base_that_travels_far_stays_in_the_picture_and_so_does_a_tip_that_is_followed():
@@ -231,28 +161,14 @@ def test_a_base_that_travels_far_stays_in_the_picture_and_so_does_a_tip_that_is_
             assert is_blue(drawn[place(picture, position[record, 3])])
             found.append(place(picture, position[record, node]))
         assert np.ptp(found, axis=0).max() <= 1, followed
-        assert 0 < found[0][0] < 240
-        assert 0 < found[0][1] < 320
-    standing, _ = pictures(moved, follow="none")
-    standing.at(2.0)
-    assert place(standing, position[-1, 0])[1] > 160  # from the left to the right
 
 
-@pytest.mark.parametrize("colour", ["curvature", "tension", "speed", "distance", "none"])
-def test_a_film_colours_by_each_field_of_the_page(colour):
-    picture, times = pictures(among_obstacles(records=5, nodes=6), colour=colour, size=(200, 160))
-    assert picture.at(float(times[1])).shape == (160, 200, 4)
-
-
-def test_views_colours_and_speeds_are_those_of_the_page():
-    scripts = {name: parts.read_part(f"{name}.js") for name in ("camera", "tools", "main")}
-    presets = re.findall(r"(\w+): \[(-?\d+), (-?\d+)\]", scripts["camera"].split(";")[0])
-    assert {name: (float(a), float(e)) for name, a, e in presets} == PRESETS
-    for name, signed in (("one", False), ("two", True)):
-        listed = re.search(rf"{name}: \[(.*?)\]", scripts["tools"])[1]
-        assert tuple(re.findall(r"#\w+", listed)) == RAMPS[signed]
-    speeds = re.search(r"const speeds = \[(.*?)\]", scripts["main"])[1]
-    assert tuple(map(float, speeds.split(","))) == SPEEDS
+def test_each_colour_of_the_arm_is_another_picture():
+    drawn = []
+    for colour in ("curvature", "tension", "speed", "distance", "none"):
+        picture, times = pictures(among_obstacles(records=5, nodes=6), colour=colour)
+        drawn.append(picture.at(float(times[1])).tobytes())
+    assert len(set(drawn)) == 5
 
 
 @pytest.mark.parametrize(
@@ -261,9 +177,6 @@ def test_views_colours_and_speeds_are_those_of_the_page():
 )
 def test_a_long_run_goes_faster_and_a_short_one_slower(duration, ending, speed):
     assert film_settings(CameraSettings(), 0.0, duration, ending).speed == speed
-
-
-# --- files ----------------------------------------------------------------------------------------
 
 
 def test_an_mp4_has_its_frames_size_and_duration_and_plays_in_browsers(planar, tmp_path):
@@ -303,15 +216,9 @@ def test_a_gif_is_small_and_has_the_frames_that_were_drawn(planar, tmp_path):
         assert apart.mean() < 2.0
 
 
-def test_a_film_ends_when_asked_and_has_frames_of_its_size(spatial, tmp_path):
-    path = tmp_path / "run.gif"
-    filmed(spatial, "--to", path, "--until", 1, "--speed", 1, *TINY)
-    assert decoded(path).shape == (16, 160, 160, 3)
-
-
 def test_a_film_without_a_name_is_in_the_folder_of_the_result(planar):
-    filmed(planar / "result.nc", "--until", 0.1, *TINY)
-    assert (planar / "film.mp4").is_file()
+    filmed(planar / "result.nc", "--until", 1, "--speed", 1, *TINY)
+    assert decoded(planar / "film.mp4").shape == (31, 160, 160, 3)  # it ends when asked
     clear_figures(planar)
     assert not (planar / "film.mp4").exists()
 
@@ -326,96 +233,13 @@ def test_without_pyav_a_gif_is_written_and_an_mp4_refused(planar, tmp_path, monk
     (planar / "film.gif").unlink()
 
 
-def test_instants_without_numbers_are_left_out_with_a_note(tmp_path):
-    data = small_arm()
-    data["curvature"][4, 2] = np.nan
-    data["position"][6, 5] = np.nan
-    save(data, tmp_path / "result.nc")
-    said = filmed(tmp_path, *TINY, "--fps", 5, "--speed", 1)
-    assert "note: 1 instant is left out" in said
-    assert "note: 1 saved instant is left out: at it the arm has no shape to draw" in said
-    assert len(decoded(tmp_path / "film.mp4")) == 11
-
-
 @pytest.mark.filterwarnings("ignore:Glyph")
-def test_a_title_is_shown_as_it_is(tmp_path):
-    titles = ["$x^2$ and $\\frac{$", "\x1b[31mred\nline", "words " * 400, "潮", "w" * 900]
-    for title in titles:
-        with mpl.rc_context(STYLE):
-            frame = PictureFrame((640, 480), title, "", 1)
-            shown = [each.get_text() for each in frame._over]
-            frame.draw_over("0 s")
-        assert all(text.isprintable() for text in shown)
-        assert not any(each.get_parse_math() for each in frame._over)
-        if "$" in title:
-            assert title in shown
+def test_any_title_and_status_can_be_drawn(tmp_path):
+    title = "$x^2$ and $\\frac{$ \x1b[31mred\nline 潮 " + "words " * 400 + "w" * 900
     data = small_arm(records=3, duration=0.2, status="failed at t = 0.2 s: $a hit$")
-    save(data.assign_attrs(title=" ".join(titles)), tmp_path / "result.nc")
+    save(data.assign_attrs(title=title), tmp_path / "result.nc")
     ended = film(tmp_path, *TINY, "--fps", 5)
     assert (ended.exit_code, ended.stderr) == (0, "")
-
-
-# --- mistakes -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (["--fps", "0"], "--fps: got 0; must be 1 to 120"),
-        (["--fps", "nan"], "--fps: got nan; must be 1 to 120"),
-        (["--fps", "60", "--to", "x.gif"], "--fps: got 60; must be 1 to 50"),
-        (["--speed", "0"], "--speed: got 0; must be 0.0001 to 10000"),
-        (["--speed", "inf"], "--speed: got inf"),
-        (["--speed", "0.001"], "60001 frames"),
-        (["--speed", "100", "--fps", "1"], "the film would have a single frame. Lower --speed"),
-        (
-            ["--size", "3840x2160", "--to", "x.gif", "--speed", "0.5"],
-            "GIF of 3840x2160 has at most 24",
-        ),
-        (["--size", "321x240"], "--size: got 321x240; must be even numbers for an MP4"),
-        (["--size", "big"], '--size: got "big"; must be WIDTHxHEIGHT'),
-        (["--size", "10x10"], "--size: got 10x10; width and height must be 160 to 3840"),
-        (["--size", "9999x400"], "--size: got 9999x400"),
-        (["--from", "1.5", "--until", "0.5"], "film would start at 1.5 s and end at 0.5 s"),
-        (["--from", "2"], "--from: the film would start at 2 s and end at 2 s"),
-        (["--from", "-1"], "--from: got -1 s; must be 0 to 2 s"),
-        (["--until", "99"], "--until: got 99 s; must be 0 to 2 s"),
-        (["--to", "film.avi"], "--to: got film.avi; must be a name that ends in .mp4 or .gif"),
-        (["--to", "no/such/film.mp4"], "--to: there is no folder"),
-        (["--view", "below"], '--view: got "below"; must be "side", "above", "ahead" or "angle"'),
-        (["--view", "side", "--azimuth", "3"], "--view: got side and an angle. Omit it"),
-        (["--elevation", "95"], "--elevation: got 95; must be -90 to 90"),
-        (["--azimuth", "nan"], "--azimuth: got nan"),
-        (["--zoom", "0"], "--zoom: got 0; must be 0.1 to 100"),
-        (["--follow", "boat"], '--follow: got "boat"; must be "none", "tip" or "base"'),
-        (["--uncontrolled", "x"], '--uncontrolled: got "x"; must be "ghost", "beside" or "none"'),
-        (["--colour", "red"], '--colour: got "red"; must be "curvature", "tension", "speed"'),
-        (["--colour", "distance"], '--colour: got "distance"'),
-    ],
-)
-def test_a_mistake_gets_one_line_and_nothing_is_written(
-    planar, tmp_path, monkeypatch, options, named
-):
-    monkeypatch.chdir(tmp_path)
-    before = sorted(planar.iterdir())
-    assert named in fails(planar, *options)
-    assert not list(tmp_path.iterdir())
-    assert sorted(planar.iterdir()) == before
-
-
-def test_a_path_without_a_run_is_refused_in_one_line(tmp_path, spatial):
-    save(swaying_arm(records=1, nodes=4), tmp_path / "still" / "result.nc")
-    write_study(tmp_path / "study", [study_row(1)])
-    (tmp_path / "empty").mkdir()
-    before = sorted(tmp_path.rglob("*"))
-    assert "one instant" in fails(tmp_path / "still")
-    assert "contains a study. Name the folder of one of its cases" in fails(tmp_path / "study")
-    assert "contains no result" in fails(tmp_path / "empty")
-    for wish in ("ghost", "beside"):
-        line = fails(spatial, "--uncontrolled", wish)
-        assert f'--uncontrolled: got "{wish}", but the result has no uncontrolled run' in line
-    assert sorted(tmp_path.rglob("*")) == before
-    assert [path.name for path in spatial.iterdir()] == ["result.nc"]
 
 
 def test_a_file_of_others_is_replaced_only_if_that_is_wanted(planar, tmp_path):

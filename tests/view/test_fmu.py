@@ -16,7 +16,7 @@ from crinoid.results.own_files import is_own
 from crinoid.scenario import load
 from crinoid.scenario.library import builtin_files, builtin_text
 from crinoid.view.export.fmu import write_fmu
-from helpers.command import refused, succeeded
+from helpers.command import succeeded
 
 PLANE = ["arm.nodes=6", "simulation.duration=0.1", "simulation.max_halvings=1", "flow.1.modes=8"]
 SPACE = """
@@ -128,26 +128,16 @@ def test_fmpy_runs_what_a_session_runs(name, planar, tmp_path):
 def test_a_description_has_units_defaults_and_what_a_host_needs(planar):
     about = fmpy.read_model_description(planar)
     variables = {each.name: each for each in about.modelVariables}
-    assert (variables["time"].causality, variables["tip_x"].causality) == ("independent", "output")
     stiffness = variables["arm.youngs_modulus"]
     assert (stiffness.causality, stiffness.unit, float(stiffness.start)) == ("parameter", "Pa", 4e6)
-    assert stiffness.description
     assert (variables["seed"].type, variables["seed"].start) == ("Int64", "2")
     assert [int(each.start) for each in variables["shape"].dimensions] == [6, 2]
     base = {each.name: each.baseUnit for each in about.unitDefinitions}
-    assert (base["N m"].kg, base["N m"].m, base["N m"].s) == (1, 2, -2)
     assert (base["degrees"].rad, base["degrees"].factor) == (1, pytest.approx(np.pi / 180))
-    assert (base["N s/m2"].kg, base["N s/m2"].m, base["N s/m2"].s) == (1, -1, -1)
     assert {each.name for each in about.modelVariables if not each.description} == set()
     default, kind = about.defaultExperiment, about.coSimulation
     assert (float(default.stopTime), float(default.stepSize)) == (0.1, 0.01)
-    assert not kind.canHandleVariableCommunicationStepSize
     assert float(kind.fixedInternalStepSize) == 0.01
-    with zipfile.ZipFile(planar) as archive:
-        page = archive.read("documentation/index.html").decode()
-        needed = archive.read("resources/requirements.txt").decode().strip()
-    assert needed in page
-    assert needed in about.description
     assert is_own(planar)
 
 
@@ -215,14 +205,9 @@ def test_records_travel_inside_and_a_controller_does_not(tmp_path):
     (source / "record.csv").write_text(RECORD)
     shutil.copy(builtin_files("station-keeping")[0], source / "policy.eqx")
     (source / "9 of \u03b2.toml").write_text(builtin_text("station-keeping") + FLOW)
-    settings = [
-        "--set",
-        "control.kind=neural",
-        "--set",
-        f"control.neural.weights={source}/policy.eqx",
-    ]
-    file = source / "9 of \u03b2.toml"
-    out = tmp_path / "out"
+    settings = ["--set", "control.kind=neural"]
+    settings += ["--set", f"control.neural.weights={source}/policy.eqx"]
+    file, out = source / "9 of \u03b2.toml", tmp_path / "out"
     written = succeeded("export", file, "--to", "fmu", "--out", out, *settings)
     (path,) = out.iterdir()
     assert (path.name, written.splitlines()) == ("9 of \u03b2.fmu", [f"wrote {path}"])
@@ -246,26 +231,3 @@ def test_an_export_depends_on_its_scenario_only(tmp_path):
 
     assert token(tmp_path) == token(tmp_path)
     assert token(tmp_path) != token(tmp_path, "arm.length=0.6")
-
-
-def test_mistakes_are_one_line_each(tmp_path, monkeypatch):
-    def line(*arguments):
-        return refused("export", *arguments)
-
-    fmu = ["--to", "fmu", "--out", tmp_path]
-    assert "still-watr: no such file or built-in scenario; did you mean" in line("still-watr", *fmu)
-    assert "vary: is of several cases. Choose one" in line("constant-load", *fmu)
-    assert "--instants: needs a result. Leave" in line("curl", *fmu, "--instants", 3)
-    assert "--set: needs --to fmu" in line("results", "--to", "csv", "--set", "arm.length=1")
-    assert "arm.lengh: unknown key" in line("curl", *fmu, "--set", "arm.lengh=1")
-    assert '"onnx" or "fmu"' in line("curl", "--to", "fmi")
-    (tmp_path / "curl.fmu").write_text("of another program")
-    assert "curl.fmu was not written by crinoid" in line("curl", *fmu)
-    (tmp_path / "file").touch()
-    below = ["--to", "fmu", "--out", tmp_path / "file" / "below"]
-    assert "Not a directory" in line("curl", *below)
-    assert "file is a file; must be a folder" in line(
-        "curl", "--to", "fmu", "--out", tmp_path / "file"
-    )
-    monkeypatch.setitem(sys.modules, "pythonfmu3", None)
-    assert 'pip install "crinoid[fmu]"' in line("still-water", *fmu)

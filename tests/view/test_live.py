@@ -410,12 +410,8 @@ def test_props_suit_the_scenario_and_a_session_ends_with_its_tables(session, mon
     with pytest.raises(ScenarioError, match="surface to hit"):
         session.throw()
     table = {"channel": "slide", "kind": "table", "time": [0.0, 2.0], "value": [0.0, 0.1]}
-    assert (
-        InteractiveBodies.suited_to(
-            session.scenario.with_values({"base.motion": [table]}), {}
-        ).duration
-        == 2.0
-    )
+    moved = session.scenario.with_values({"base.motion": [table]})
+    assert InteractiveBodies.suited_to(moved, {}).duration == 2.0
     monkeypatch.setattr(session, "bodies", replace(session.bodies, duration=0.2))
     assert session.advance(50) == 20
     assert session.halted.startswith("over at t = 0.2 s")

@@ -2,11 +2,8 @@
 
 import re
 import socket
-import sys
 import threading
 import time
-from importlib import import_module
-from unittest.mock import MagicMock
 
 import equinox as eqx
 import numpy as np
@@ -15,13 +12,9 @@ import pytest
 pytest.importorskip("viser", reason="needs viser")
 
 from crinoid.scenario import ScenarioError
-from crinoid.view.live.interactive import InteractiveBodies
 from crinoid.view.live.page import Page, PortError
-from crinoid.view.live.scene import LiveScene
 from crinoid.view.live.session import LiveSession
-from crinoid.view.live.session_log import Snapshot
 from helpers.browsing import Opened
-from helpers.command import refused
 from helpers.live import LIVE
 
 pytestmark = pytest.mark.slow
@@ -54,75 +47,13 @@ def served(session):
     assert served.page.clock.error is None
 
 
-def drawn(scenario, frame):
-    """Return what a scene adds to its server, by name, and the scene."""
-    server, added = MagicMock(spec=import_module("viser").ViserServer), {}
-    server.scene, server.initial_camera = MagicMock(), MagicMock()
-
-    def add(name, points, triangles, **_):
-        added[name] = MagicMock(vertices=points)
-        return added[name]
-
-    server.scene.add_mesh_simple.side_effect = add
-    bodies = InteractiveBodies.suited_to(scenario, {})
-    return added, LiveScene(server, scenario, bodies, frame, {})
-
-
-NODES = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, -0.5], 4)
-PARKED = np.array([[0.3, 0.0, 0.5], [-9.0, 0.0, 0.0]])
-FRAME = Snapshot(
-    *(0.0, NODES, 0 * NODES, NODES[-1], 0.0, PARKED, np.zeros((0, 3)), False, 0.0),
-    *(True, np.zeros(3), np.zeros(3), np.zeros(3), None),
-)
-
-
-def test_rigid_bodies_are_those_of_other_views():
-    obstacle = {"kind": "capsule", "position": [0.3, -9.5], "axis": [1, 0, 0]}
-    values = {"obstacle": [obstacle | {"length": 0.2, "radius": 0.05}], "base.tilt_deg": -90}
-    tool = {"mass": 0.2, "volume": 0.0, "offset": 0.06}
-    added, scene = drawn(LIVE.with_values(values | {"tool": tool, "arm.nodes": 4}), FRAME)
-    ball = added["/tool"].vertices
-    radius = (3 * 0.2 / 7850 / (4 * np.pi)) ** (1 / 3)  # as heavy as steel
-    apart = np.linalg.norm(ball - [0.0, 0.0, -0.56], axis=1)
-    np.testing.assert_allclose(apart, radius, rtol=1e-5)
-    rod = added["/obstacle 0"]
-    np.testing.assert_allclose(np.ptp(rod.vertices, axis=0), [0.3, 0.1, 0.1], atol=1e-9)
-    np.testing.assert_array_equal(rod.position, PARKED[0])
-    arm = added["/arm"].vertices
-    np.testing.assert_allclose(np.ptp(arm, axis=0)[2], 0.5, atol=1e-6)
-    assert {"/joint", "/clamp", "/stem", "/obstacle debris"} <= set(added)
-    assert "/boom" not in added
-    scene.show(FRAME._replace(nodes=NODES + 0.1 * np.eye(3)[0], servo=np.array([0.1, 0.0, 0.0])))
-    assert np.ptp(added["/boom"].vertices, axis=0)[0] == pytest.approx(0.1)
-    scene.show(FRAME)
-    assert not added["/boom"].visible
-
-
-@pytest.mark.parametrize("floats", [False, True])
-def test_a_hull_turns_with_its_base(floats):
-    vehicle = {"hull": {"length": 0.6, "diameter": 0.2}}
-    vehicle |= {"mass": 30.0, "inertia": 1.0} if floats else {}
-    scenario = LIVE.with_values({"vehicle": vehicle, "contact.self": True, "arm.nodes": 4})
-    turned = np.array([0.0, 0.0, np.deg2rad(90.0)])  # the tilt lifts the bow
-    pose = {"vehicle": turned} if floats else {"pose": turned, "vehicle": None}
-    up = FRAME._replace(nodes=-NODES, **pose)
-    added, _ = drawn(scenario, up)
-    hull = added["/hull"].vertices
-    low, high = hull.min(axis=0), hull.max(axis=0)
-    np.testing.assert_allclose(low, [-0.1, -0.1, -0.6], atol=2e-3)
-    np.testing.assert_allclose(high, [0.1, 0.1, 0.0], atol=2e-3)
-
-
-def test_debris_is_parked_apart_from_obstacles():
-    length, base = LIVE.arm.length, np.array(LIVE.base.position)
-    aside, along = np.array([-40 * length, 0.0]), np.array([1.0, 0.0, 0.0])
-    balls = [
-        {"kind": "sphere", "position": (base + aside).tolist(), "radius": 0.3},
-        {"kind": "cylinder", "position": (base - 0.9 * aside).tolist(), "radius": 0.1}
-        | {"axis": along.tolist()},
-    ]
-    bodies = InteractiveBodies.suited_to(LIVE.with_values({"obstacle": balls}), {})
-    np.testing.assert_allclose(bodies.debris.parked, base - aside[::-1])
+def test_the_scene_has_the_arm_and_the_bodies_where_the_session_has_them(served, session):
+    named, now = served.page.server.scene.get_handle_by_name, session.look()
+    arm = named("/arm").vertices
+    for corner in (np.min, np.max):
+        np.testing.assert_allclose(corner(arm, axis=0), corner(now.nodes, axis=0), atol=0.03)
+    for name, position in zip(("0", "debris"), now.obstacles, strict=True):
+        np.testing.assert_allclose(named(f"/obstacle {name}").position, position, atol=1e-6)
 
 
 def test_debris_starts_where_no_obstacle_is_or_is_refused(session, monkeypatch):
@@ -149,15 +80,13 @@ def test_debris_starts_where_no_obstacle_is_or_is_refused(session, monkeypatch):
     session.reset()
 
 
-def test_a_port_that_is_taken_or_none_is_refused(session):
+def test_a_port_that_is_taken_is_refused(session):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(PortError, match=f"got {port}, which is unavailable"):
             Page(session, port, str)
-    with pytest.raises(PortError, match="got 70000; must be 0"):
-        Page(session, 70000, str)
 
 
 def test_only_this_machine_is_served_and_nothing_moves_unseen(served):
@@ -253,15 +182,3 @@ def test_buttons_and_sliders_reach_the_session(browser, served, session):
         page.wait(f"() => {NOW} < {later}")
     assert session.numbers.current == 1.0
     assert session.state.state.gap.shape[0] == 2
-
-
-def test_mistakes_are_refused_before_anything_is_computed(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "many.toml").write_text('[vary]\n"arm.length" = [0.4, 0.5]\n')
-
-    line = refused("live", "still-water", "--port", 70000)
-    assert "--port: got 70000; must be 0 (any free port) to 65535" in line
-    assert "vary: a live session is of one case" in refused("live", "many.toml")
-    monkeypatch.setitem(sys.modules, "viser", None)
-    assert 'pip install "crinoid[live]"' in refused("live", "still-water")
-    assert [each.name for each in tmp_path.iterdir()] == ["many.toml"]

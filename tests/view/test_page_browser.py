@@ -31,26 +31,18 @@ class Shown(Opened):
 
     def told(self, panel):
         """Return the numbers next to a chart, in its unit."""
-        return [float(text.replace("\N{MINUS SIGN}", "-")) for text in self.texts(panel)]
-
-    def texts(self, panel):
-        return self.ask(
+        texts = self.ask(
             """(name) => crinoid.charts.panels.find((p) => p.said.name === name)
             .entries.map((entry) => entry.told.textContent)""",
             panel,
         )
+        return [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts]
 
 
 @pytest.fixture(scope="module")
 def spatial(tmp_path_factory):
     run = Run(among_obstacles(records=121), curling_arm(records=121, driven=False))
     return run, write_run(run, tmp_path_factory.mktemp("spatial") / "report.html")
-
-
-@pytest.fixture(scope="module")
-def planar(tmp_path_factory):
-    run = Run(swaying_arm(records=41), swaying_arm(records=41, driven=False))
-    return write_run(run, tmp_path_factory.mktemp("planar") / "report.html")
 
 
 @pytest.fixture(scope="module")
@@ -63,17 +55,6 @@ def test_a_page_opens_without_a_complaint_and_asks_for_nothing(shown, spatial):
     assert shown.complaints == []
     assert shown.requests == [spatial[1].as_uri()]
     assert shown.ask("() => document.querySelector('.stage').classList.contains('drawn')")
-
-
-@pytest.mark.parametrize("wide", [390, 1200])
-def test_the_colours_and_the_names_of_the_arms_do_not_overlap(wide, browser, spatial):
-    with Shown(browser, spatial[1], wide, 800) as opened:
-        stage, colours, names = (
-            opened.page.locator(place).bounding_box() for place in ("#stage", "#legend", "#names")
-        )
-        assert names["y"] + names["height"] < colours["y"]
-        assert colours["y"] + colours["height"] < stage["y"] + stage["height"]
-        assert colours["x"] + colours["width"] < stage["x"] + stage["width"]
 
 
 def test_all_nodes_are_drawn_where_the_result_has_them(shown, spatial):
@@ -96,16 +77,6 @@ def test_numbers_under_the_cursor_are_those_of_the_result(shown, spatial):
         np.testing.assert_allclose(shown.told("base_force"), force, rtol=1e-3, atol=1e-6)
     clock = shown.page.text_content("#clock")
     assert clock == f"{float(result['time'][120]):.2f} s"
-
-
-def test_round_off_shows_as_zero_and_powers_have_one_kind_of_minus(browser, tmp_path):
-    data = swaying_arm(records=5)
-    moment = np.array([3e-12, 0.1, -0.2, 2e-7, 0.0])
-    data["base_moment"] = data["base_moment"].copy(data=moment)
-    with Shown(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
-        assert opened.told("base_moment") == [0.0]
-        opened.ask("(time) => crinoid.go(time)", float(data["time"][3]))
-        assert opened.texts("base_moment") == ["2e\N{MINUS SIGN}7"]
 
 
 def test_a_chart_that_is_dragged_moves_the_animation(shown):
@@ -166,32 +137,6 @@ def test_scrubbing_turning_and_colours_change_the_picture(shown):
     assert shown.complaints == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_phone_shows_all_of_a_planar_run_in_its_width(scheme, browser, planar):
-    with Shown(browser, planar, 390, 844, color_scheme=scheme) as opened:
-        assert opened.ask("() => document.documentElement.scrollWidth") <= 390
-        table = opened.page.locator(".numbers")
-        assert table.evaluate("(e) => e.scrollWidth <= e.clientWidth")
-        paper = opened.ask("() => getComputedStyle(document.body).backgroundColor")
-        assert (paper == "rgb(18, 23, 26)") == (scheme == "dark")
-        assert opened.complaints == []
-
-
-def test_a_base_that_travels_far_is_followed(browser, tmp_path):
-    data = swaying_arm()
-    for name in ("position", "tip_position", "tip_target"):
-        data[name] = data[name] + data["time"] * (data["axis"] == "x") * 0.5
-        data[name] = data[name].transpose("time", ..., "axis")
-    with Shown(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
-        assert opened.ask("() => crinoid.scene.follow") == "root"
-        away = "() => crinoid.scene.camera.centre[0] - crinoid.scene.members[0].now.root[0]"
-        before, half = opened.ask(away), opened.ask("() => crinoid.scene.camera.half")
-        assert half < 1.0  # m: all of the way is 10 m
-        opened.ask("() => crinoid.go(19)")
-        assert opened.ask(away) == pytest.approx(before, abs=1e-3)
-        assert opened.complaints == []
-
-
 def test_one_instant_does_not_play_and_a_hostile_title_does_nothing(browser, tmp_path):
     data = swaying_arm(records=1, duration=0.0).assign_attrs(title=HOSTILE, notes=HOSTILE)
     with Shown(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
@@ -208,8 +153,9 @@ canvas.getContext = function (kind, ...rest) {
 };"""
 
 
-def test_without_webgl_the_page_has_a_picture_and_charts(browser, planar):
-    with Shown(browser, planar, script=WITHOUT_WEBGL) as opened:
+def test_without_webgl_the_page_has_a_picture_and_charts(browser, tmp_path):
+    path = write_run(Run(swaying_arm(records=41)), tmp_path / "report.html")
+    with Shown(browser, path, script=WITHOUT_WEBGL) as opened:
         page = opened.page
         assert page.is_visible(".still svg polyline >> nth=0")
         assert not page.is_visible("#scene")
@@ -249,12 +195,9 @@ def test_a_study_sorts_names_the_case_under_the_cursor_and_opens_it(browser, tmp
         left, top = opened.ask("() => crinoid.where(4)")
         plot = page.locator("#plot").bounding_box()
         page.mouse.move(plot["x"] + left, plot["y"] + top)
-        text = "case-05 · youngs_modulus 400000 · kind none · RMS tip error 30 mm"
-        assert page.text_content("#said") == text
+        assert page.text_content("#said").startswith("case-05 · youngs_modulus 400000")
         assert opened.ask("() => document.querySelector('tr.on').dataset.case") == "4"
-        ends = page.text_content("#extremes")
-        assert ends.startswith("Smallest: case-01 · youngs_modulus 100000 · kind none · RMS tip ")
-        assert "Largest: case-06 · youngs_modulus 400000 · kind pid · RMS tip error 36 mm" in ends
+        assert "Largest: case-06 · youngs_modulus 400000" in page.text_content("#extremes")
         page.select_option("#measure", label="settling time")
         page.select_option("#over", label="kind")
         page.wait_for_function("crinoid.view.kind === 'lines'")

@@ -12,7 +12,6 @@ from crinoid.studies.statistics import Mean
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import study as charts
 from crinoid.view.figures import write_means, write_page, write_report
-from crinoid.view.figures.measures import plain_number
 from crinoid.view.figures.study import Study, effects_of, key_of, study_of
 from crinoid.view.figures.style import Unit
 from crinoid.view.page.study import MOST_CASES, study_page_of
@@ -133,7 +132,7 @@ def test_cells_and_lines_hold_means(tmp_path):
     assert np.isnan(drawn["rms_error low"]).all()
 
 
-def test_cells_of_several_seeds_have_intervals_and_axes_have_units(tmp_path):
+def test_cells_of_several_seeds_have_intervals(tmp_path):
     keys = ("arm.youngs_modulus", "arm.length", "seed")
     levels = [(a, b, n) for a in (1e5, 2e6) for b in (0.3, 0.5) for n in range(3)]
     rows = [study_row(n, **dict(zip(keys, each, strict=True))) for n, each in enumerate(levels, 1)]
@@ -141,35 +140,14 @@ def test_cells_of_several_seeds_have_intervals_and_axes_have_units(tmp_path):
         del row["flow.0.velocity"]
     cases = study_of_rows(tmp_path, rows)
     found = told(study_page_of(cases, "", [None] * len(cases)))
-    labels = [key["label"] for key in found["keys"]]
-    assert labels == ["arm.youngs_modulus (Pa)", "arm.length (m)", "seed"]
     plot = Document.from_json(found["views"][0]["document"]).roots[0]
     drawn = plot.select_one({"name": "cells"}).data_source.data
     expected = stats.ttest_1samp([6.0, 12.0, 18.0], 0.0).confidence_interval()
     assert drawn["rms_error half"][0] == pytest.approx((expected.high - expected.low) / 2)
-    assert plot.below[0].major_label_overrides == {0: "100000", 1: "2000000"}
-    for some in (rows, [row for row in rows if row["arm.length"] == 0.3], rows[::3]):
-        write_study(tmp_path, some)
-        (figure,) = write_means(tmp_path)
-        assert figure == tmp_path / "means.png"
-        assert_shows_something(figure)
+    (figure,) = write_means(tmp_path)
+    assert_shows_something(figure)
     write_study(tmp_path, rows[:9:3])  # neither seeds nor all combinations
     assert write_means(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.0, "0"),
-        (0.02, "0.02"),
-        (2e5, "200000"),
-        (3e7, "3 \N{MULTIPLICATION SIGN} 10⁷"),
-        (1e-6, "10⁻⁶"),
-        (1 / 3, "0.3333"),
-    ],
-)
-def test_numbers_are_written_plainly(value, text):
-    assert plain_number(value) == text
 
 
 def test_many_cases_are_thinned_and_the_page_says_so(tmp_path):
@@ -189,13 +167,7 @@ def test_the_page_of_a_sweep_has_the_indices_of_its_plan(tmp_path):
     (tmp_path / "plan.toml").write_text(plan.to_toml(), "utf-8")
     values = [plan.values(run) for run in range(1, plan.runs + 1)]
     rows = [
-        {
-            "case": f"case-{n}",
-            **v,
-            **dict.fromkeys(COLUMNS, ""),
-            "status": "ok",
-            "directory": "x",
-        }
+        {"case": f"case-{n}", **v, **dict.fromkeys(COLUMNS, ""), "status": "ok", "directory": "x"}
         | {"rms_error": 10.0 * v["arm.length"] + 50.0 * v["arm.radius"]}
         for n, v in enumerate(values)
     ]
