@@ -14,20 +14,18 @@ import crinoid
 from crinoid.analysis.margins import find_margins
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.folder import check_own
-from crinoid.cli.inverse import _tuning_notes
 from crinoid.inverse import tuning as module
 from crinoid.inverse.constrained_search import constrain
-from crinoid.inverse.gain_design import Cost, CostWeights, GainDesign, cost, tunable_numbers
+from crinoid.inverse.gain_design import Cost, CostWeights, GainDesign, cost
 from crinoid.inverse.gain_search import GainTrial, bounds, descend, nearest
 from crinoid.inverse.tuning import STARTS, Tuning
 from crinoid.results.errors import tip_error
 from crinoid.scenario import Scenario
 from crinoid.simulation import simulate
-from crinoid.view.figures import ReportError, write_report
+from crinoid.view.figures import write_report
 from helpers.arms import QUICKLY
-from helpers.command import call, refused, succeeded
+from helpers.command import call, succeeded
 from helpers.figures import assert_shows_something
-from helpers.refusals import mistake
 
 GUSTS = {"kind": "gauss-markov", "mean": [0.0, 0.3], "standard_deviation": [0.05, 0.1]}
 GAINS = {"heave": {"kp": 0.02, "ki": 0.1}, "tilt": {"ki": 0.1}}
@@ -49,12 +47,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tune")
     (folder / "small.toml").write_text(SCENARIO.to_toml())
     arguments = ("--seeds", 2, "--iterations", 6, "--margin", MARGIN, "--out", folder)
-    output = succeeded("tune", folder / "small.toml", *arguments)
-    wrote = [f"wrote {folder / name}" for name in ("tuned.toml", "tune.nc", "tune.png")]
-    margins = ("modulus margin", "delay margin")
-    errors = ("root of cost, other draws", "tip error, RMS")
-    for words in ("heave.kp", "tilt.ki", *margins, *errors, *wrote):
-        assert words in output
+    succeeded("tune", folder / "small.toml", *arguments)
     return folder
 
 
@@ -315,67 +308,11 @@ def test_the_error_without_control_is_that_of_runs_without_it(data):
         assert found == pytest.approx(tip_error(simulate(alone)).rms, rel=1e-3)
 
 
-def test_a_search_with_few_trials_and_little_effect_has_notes():
-    tuning, costs = Tuning.__new__(Tuning), {"before": 2.0, "after": 1.0}
-    errors = {"before_error": 0.02, "after_error": 0.0095, "uncontrolled_error": 0.01}
-    vars(tuning).update(
-        scenario=SCENARIO,
-        random=True,
-        iterations=6,
-        margin=MARGIN,
-        cost=np.ones((4, 2)),
-        held_out={name: np.array([each]) for name, each in (costs | errors).items()},
-        _rank=(False, 1.0),
-        _limited=np.array([True, False]),
-        _best_start=0,
-    )
-    tuning.held_out["uncontrolled"] = np.array([3.0])
-    weak, short = _tuning_notes(tuning, xr.Dataset())
-    assert "hardly holds the tip better than none" in weak
-    assert weak.endswith('or try control.kind = "lqg".')
-    assert short.startswith("the search ended at --iterations 6.")
-    tuning.held_out["after_error"], tuning._best_start = np.array([0.005]), 1
-    assert _tuning_notes(tuning, xr.Dataset()) == []
-
-
 @pytest.mark.slow
-def test_the_figure_shows_the_search(folder, data, tmp_path):
+def test_the_figure_shows_the_search(folder, tmp_path):
     check_own(folder / "tune.nc")  # a second search may replace it
     (figure,) = write_report(folder / "tune.nc", tmp_path)
-    assert figure.name == "tune.png"
     assert_shows_something(figure)
-    data.drop_vars("tried").to_netcdf(tmp_path / "tune.nc")
-    with pytest.raises(ReportError, match="it has no tried over start, iteration, key"):
-        write_report(tmp_path / "tune.nc")
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        (
-            {"control": {"kind": "none"}},
-            'control.kind: got "none"; must be "pid", "lqg" or "mpc"',
-        ),
-        ({"control": {"kind": "pid", "pid": {"tilt": {}}}}, "control.pid: has no gains to tune"),
-        ({"vary": {"arm.length": [0.4, 0.5]}}, "vary: tuning needs a single case. Omit vary"),
-    ],
-)
-def test_a_scenario_without_anything_to_tune_is_refused(values, words):
-    assert words in mistake(tunable_numbers, Scenario.from_dict(SCENARIO.to_dict() | values))
-
-
-@pytest.mark.parametrize(
-    ("option", "words"),
-    [
-        ("--seeds=0", "--seeds: got 0; must be at least 1"),
-        ("--iterations=0", "--iterations: got 0; must be at least 1"),
-        ("--margin=-0.1", "--margin: got -0.1"),
-        ("--margin=1", "--margin: got 1"),
-        ("--margin=nan", "--margin: got nan"),
-    ],
-)
-def test_options_out_of_range_are_refused(option, words, tmp_path):
-    assert words in refused("tune", "station-keeping", option, "--out", tmp_path / "out")
 
 
 @pytest.mark.slow
