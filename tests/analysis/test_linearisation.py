@@ -190,11 +190,8 @@ def test_names_units_and_the_operating_point(model):
     assert model.inputs[:3] == ("command_slide", "command_tilt", "current_x")
     assert model.input_units == ("m", "rad", "m s-1", "m s-1", "m s-2", "m s-2")
     assert model.outputs[2:5] == ("measured_tip_angle", "tip_x", "tip_z")
-    assert model.outputs[-2:] == ("slide", "tilt")
     at = dict(zip(model.states, model.state_units, strict=True))
-    assert at["z_node_4"] == "m"
     assert at["vx_node_1"] == "m s-1"
-    assert at["servo_tilt_velocity"] == "rad s-1"
     assert at["measured_tip_angle 2 periods ago"] == "rad"
     values = dict(zip(model.outputs, model.operating_outputs, strict=True))
     length = LOOP.arm.length

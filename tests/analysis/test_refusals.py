@@ -17,7 +17,6 @@ ARM = Scenario(
 )
 CURVE, MEASURED = "equilibrium arm.toml --vary", "{'kind'='measured','file'='none.nc'}"
 COMMANDS = {
-    f"{CURVE} arm.lenght=1:2:3": "arm.lenght: unknown key; did you mean arm.length?",
     f"{CURVE} arm.length=0:1:3": "arm.length: got 0.0; must be a number above 0 .m.",
     f"{CURVE} arm.length=1:2": "--vary: .*must have a count, arm.length=FROM:TO:COUNT",
     f"{CURVE} arm.length=1,long": "--vary: .*must have numbers as values",

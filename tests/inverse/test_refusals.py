@@ -40,7 +40,6 @@ COMMANDS = {
     f"{IDENTIFY} sensor.noise_position": "sensor.noise_position: does not affect the motion",
     f"{IDENTIFY} ,": "--of: got no key",
     f"identify arm.toml none.csv --of {KEY}": "RECORD: none.csv: no such file",
-    "estimate arm.toml none.csv": "RECORD: none.csv: no such file",
     "estimate arm.toml tip.csv --set target.frame='base'": "RECORD: got readings of the tip with",
     "estimate arm.toml tip.csv --set control.lqg.inputs=['tlit']": 'control.lqg.inputs: got "tlit"',
     f"{FOR} --over arm.length=0.6:0.4": "--over: got .* must be KEY=FROM:TO",
@@ -65,14 +64,12 @@ FILES = {
     ("tip.csv", f"identify arm.toml tip.csv --of {KEY}"): {
         "time,u\n0,1\n1,2\n": "RECORD: .*has time, u; must have time and some of x, z, angle",
         "x\n0\n1\n": "RECORD: .*no such column in tip.csv; it contains x",
-        "time,x\n0,1\n1,metre\n": 'RECORD: .*contains "metre" in row 2',
         "time,x\n-3,1\n-2,2\n": "RECORD: .*ends at -2 s of the run; must have times after 0",
         "time,x\n0,1\n9,2\n": "RECORD: got 1 measured numbers within the run; must be more than 1",
         "time,x\n12,1\n13,2\n": "RECORD: got no row within the run, at times from 12 s on; must",
     },
     ("tip.csv", "estimate arm.toml tip.csv"): {
         "time\n0\n1\n": "RECORD: .*must have time and some",
-        "time,x\n0,1\n0.5,2\n0.4,3\n1,4\n": "RECORD: .*time goes back at entry 2",
         "time,x\n0,1\n0.01,2\n": "RECORD: .*must last at least two control periods, 0.04 s",
         "time,x\n0,\n0.5,\n1,\n": "RECORD: .*0 rows with a value; must have at least 2",
     },
@@ -87,10 +84,7 @@ FILES = {
     },
     ("all.toml", f"identify arm.toml all.toml --of {KEY},arm.density"): {
         EXPERIMENTS.replace("0.15", "0.5"): "marker.0.s: got 0.5; must be at most 0.4 .m., arm.le",
-        EXPERIMENTS.replace("0.15", "-1.0"): "marker.0.s: got -1.0; must be a number of 0 or more",
         EXPERIMENTS.replace("0.0, 0.02", "0.1"): "marker.0.offset: got .0.1.; must be .along",
-        EXPERIMENTS.replace("offset", "ofset"): "marker.0.ofset: unknown key; did you mean",
-        EXPERIMENTS.replace('name = "low"', ""): "marker.0.name: missing; must be text in quotes",
         EXPERIMENTS.replace("holds", "none"): "experiment.0.file: ",
         EXPERIMENTS + '[[experiment]]\nfile = "holds.csv"\n': 'experiment.1.name: got "holds"',
         EXPERIMENTS + "set.arm.density = 1.0\n": "experiment.0.set.arm.density: is a number to",

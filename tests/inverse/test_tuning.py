@@ -100,11 +100,12 @@ run_without_slopes = eqx.filter_jit(crinoid.rollout, compiler_options=QUICKLY)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", [0, 20])
-def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first):
+@pytest.mark.parametrize(("begin", "first"), [(0.0, 0), (0.42, 20)])
+def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, begin, first):
     draw = search.draws[0]
     controllers = search._design.perturbations(np.zeros(3))
-    weights = search._weights._replace(counted=(np.arange(50) >= first).astype(float))
+    judged = search.scenario.with_values({"target.judged_from": begin})
+    weights = CostWeights.of(judged, draw.loop)
     found = cost(controllers.nominal, controllers.slopes, draw.loop, draw.state, weights, 50)
     seen = run_without_slopes(draw.loop, draw.state, 50).kept
     z, angle = seen.error[first:, 1], 0.5 * seen.error[first:, 2]
@@ -112,16 +113,6 @@ def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first
     expected = np.mean(z**2 + angle**2) + 1e-4 * np.mean(np.sum(speed**2, axis=1))
     np.testing.assert_allclose(found.total, expected, rtol=1e-9)
     np.testing.assert_allclose(found.error, np.mean(seen.error[first:, 0] ** 2 + z**2), rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_time_steps_count_from_the_time_that_the_scenario_says(search):
-    weights = CostWeights.of(
-        search.scenario.with_values({"target.judged_from": 0.25}), search.draws[0].loop
-    )
-    step, counted = search.scenario.simulation.time_step, weights.counted
-    assert counted.size == search.scenario.simulation.steps
-    np.testing.assert_array_equal(counted, step * np.arange(1, counted.size + 1) > 0.25 - 1e-6)
 
 
 # --- the search ------------------------------------------------------------------------------

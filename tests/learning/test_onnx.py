@@ -1,7 +1,6 @@
 """Policies as graphs of ONNX: another runtime gives the commands of crinoid's own controller."""
 
 import json
-import sys
 from itertools import pairwise
 
 import equinox as eqx
@@ -170,10 +169,3 @@ def test_an_export_that_fails_leaves_nothing(policy, tmp_path, monkeypatch):
     assert ended.exit_code != 0
     assert "No space left" in ended.stderr
     assert list(tmp_path.iterdir()) == [policy]
-
-
-def test_a_missing_library_is_named(policy, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "onnx", None)
-    monkeypatch.delitem(sys.modules, "crinoid.view.export.network", raising=False)
-    line = refused("export", policy, "--to", "onnx")
-    assert line == 'crinoid: ONNX is written by onnx: pip install "crinoid[export]"'

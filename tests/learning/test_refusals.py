@@ -56,10 +56,7 @@ def test_a_mistake_in_python_is_one_line(call, line):
         (lambda data: b"nothing", "is not a policy"),
         (lambda data: data.replace(b'"version": 1', b'"version": 9', 1), "version 9"),
         (lambda data: data[:-100], "is damaged"),
-        (lambda data: data + b"x", "is damaged"),
-        (lambda data: data.replace(b'"averages": 6', b'"averages": 5', 1), "is damaged"),
         (lambda data: re.sub(rb'"layers": \[\d+', b'"layers": [9000000000', data), "is damaged"),
-        (lambda data: data.replace(b'"rate_hz"', b'"rate_xx"', 1), "is damaged"),
     ],
 )
 def test_a_damaged_policy_is_refused(tmp_path, damage, words):

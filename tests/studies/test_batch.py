@@ -15,7 +15,6 @@ from crinoid.results.metrics import MEASURES, measured
 from crinoid.scenario import Scenario
 from crinoid.simulation import setup
 from crinoid.simulation.batch import run_batch
-from crinoid.studies.measures import stacked
 
 SCENARIO = crinoid.Scenario(
     title="a batch",
@@ -132,20 +131,6 @@ def test_a_stopped_batch_returns_its_complete_runs():
     assert np.isnan(found["rms_error"][unfinished]).all()
     assert found.attrs["status"].startswith("interrupted: ")
     assert done[-1].duration == pytest.approx(5 * 0.2)
-
-
-def test_runs_of_different_length_are_stacked():
-    time, about = [0.0, 0.1, 0.2], {"units": "m"}
-    steps = ("time", np.array([0, 1, 1]))
-    whole = xr.Dataset({"x": ("time", [1.0, 2.0, 3.0], about), "steps": steps}, {"time": time})
-    failed = whole.isel(time=slice(0, 2)).assign_coords(time=[0.0, 0.05]) + 1
-    found = stacked([None, whole, failed])
-    assert found["x"].attrs == about
-    rows = [[np.nan] * 3, [1.0, 2.0, 3.0], [2.0, np.nan, np.nan]]
-    np.testing.assert_array_equal(found["x"], rows)
-    assert stacked([whole, whole])["steps"].dtype == int
-    assert stacked([whole, whole])["time"].dims == ("time",)
-    assert not stacked([None, None]).variables
 
 
 @pytest.mark.slow

@@ -69,7 +69,6 @@ MISTAKES = [
     (plan(varied={"arm.length": []}), r"varied.arm.length: got \[\]; must be a list of values"),
     (batch(), "over: missing, like seeds. Pass at least one of them."),
     (batch([YOUNG]), r"over: got \["),
-    (batch({"arm.young": [1.0]}), "over: entry 0, arm.young: unknown key"),
     (batch({YOUNG: 1e6}), f"over: {YOUNG}: got 1000000.0; must be a list"),
     (batch({YOUNG: []}), f"over: {YOUNG}: got no values; must have at least one"),
     (batch({YOUNG: [1e6, -1.0]}), f"over: entry 1, {YOUNG}: got -1.0; must be a number"),
@@ -120,7 +119,6 @@ COMMANDS = {
     "compare --seeds 0": "--seeds: got 0; must be at least 1",
     "compare --first-seed -1": "--first-seed: got -1; must be at least 0",
     "compare --set vary={'arm.length'=[0.5,0.6]}": "vary: a comparison is of one case",
-    "compare --set control.controlled=['y']": "control.controlled",
 }
 
 

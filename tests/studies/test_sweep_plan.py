@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from crinoid.cli.sweep import notes_of, shares_of_time, sweep_table
+from crinoid.cli.sweep import shares_of_time, sweep_table
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.variation import Span, combination, read_variation
 from crinoid.studies.sweep import SweepDesign
@@ -89,12 +89,6 @@ def test_samples_fill_their_ranges_and_are_the_same_each_time(kind):
     assert [again.values(run) for run in range(1, 33)] == [plan.values(run) for run in range(1, 33)]
     other = SweepDesign.of(ARM.with_values({"seed": 1}), texts, sampling=kind, count=16)
     assert column(other, "arm.length") != column(plan, "arm.length")
-
-
-def test_an_unbalanced_sobol_sequence_has_a_note():
-    for count, notes in ((8, 0), (12, 1), (1, 0)):
-        plan = SweepDesign.of(ARM, ["arm.length=0.4:0.6"], sampling="sobol", count=count)
-        assert sum("no power of two" in note for note in notes_of(plan)) == notes
 
 
 def test_batches_hold_each_run_once_and_one_structure():
