@@ -10,6 +10,7 @@ import xarray as xr
 from crinoid.analysis.linear_loop import (
     LinearPlant,
     System,
+    _frequencies,
     linear_controller,
     linear_loop,
 )
@@ -103,6 +104,21 @@ def test_the_loop_is_that_of_the_arm_in_continuous_time(setup, linear):
     assert other.stable
     for name in ("modulus", "gain", "phase", "delay"):
         assert getattr(other, name) == pytest.approx(getattr(one, name), rel=0.15), name
+
+
+def test_fewer_frequencies_keep_those_near_a_resonance():
+    turn = 2 * np.pi * 1.3 / 100  # 1.3 Hz, hardly damped
+    frequency = _frequencies(np.exp(np.array([1j, -1j]) * turn - 1e-5), 100.0)
+    none = System(*np.zeros((4, 0, 0)))
+    response = frequency[None, :, None, None] + 0j
+    few = LinearPlant({"water": none}, (), 0.01, frequency, response).every(5)
+    grid = np.geomspace(frequency[0], frequency[-1], 1500)
+    beside = [f for f in frequency if np.abs(f / grid - 1).min() > 1e-9]
+    assert np.abs(np.array(beside) - 1.3).min() < 1e-12  # 1.3 Hz itself, and closely on both sides
+    assert len(beside) > 20
+    assert np.isin(beside, few.frequency).all()
+    assert few.frequency.size < 0.25 * frequency.size
+    np.testing.assert_array_equal(few.response[0, :, 0, 0], few.frequency)
 
 
 @pytest.mark.slow

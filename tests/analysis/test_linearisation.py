@@ -15,6 +15,7 @@ import crinoid
 from crinoid.analysis.linear_loop import linear_loop
 from crinoid.analysis.linearisation import find_state_space
 from crinoid.assembly.prepared import Prepared
+from crinoid.cli.linearise import _poles_table
 from crinoid.control import Controller
 from crinoid.dynamics import LocalCoordinates
 from crinoid.dynamics.coordinate_names import actuator_names, arm_names
@@ -307,6 +308,14 @@ def test_what_cannot_be_is_refused_in_one_line(model, tmp_path):
         (crinoid.linearise, LOOP.with_values({"simulation.max_iterations": 1}), "simulation.start"),
     ):
         assert mistake(call, argument).startswith(line)
+
+
+def test_a_pole_on_the_unit_circle_lasts(model):
+    eigenvalues = np.zeros(model.order)
+    eigenvalues[:4] = 1.0 + 1e-8, 1.0 - 1e-8, 1.01, np.exp(-0.02)
+    A = np.diag(eigenvalues)
+    table = _poles_table(replace(model, A=A))
+    assert [*table.columns[3].cells] == ["lasts", "grows", "0.5"]
 
 
 def test_crinoid_linearise_prints_saves_and_draws(model, tmp_path, monkeypatch):
