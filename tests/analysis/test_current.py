@@ -1,13 +1,12 @@
 """A scenario's current by itself: its numbers against theory, and `crinoid flow`."""
 
 import hashlib
-import importlib.util
+import importlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.image import imread
 from scipy.integrate import quad
 from scipy.signal import lfilter, welch
 
@@ -16,11 +15,11 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.numerics.signals_and_systems import integral_time, spectrum, von_karman
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, builtin_names, library, load
-from crinoid.view.figures import ReportError, write_report
 from helpers.command import refused, succeeded
-from helpers.figures import assert_shows_something
+from helpers.figures import assert_shows_something, quick_and_slow
 from helpers.made_results import Player
 from helpers.paths import ROOT
+from helpers.scripts import load_script
 
 FIGURES = ["flow.png", "spectrum.png", "profile.png"]
 
@@ -200,20 +199,14 @@ def test_a_spatial_current_is_sampled_along_three_axes():
 
 @pytest.mark.parametrize(
     ("ramp_time", "settled", "note"),
-    [
-        (0.0, 0.0, ""),
-        (4.0, 4.0, ""),
-        (15.0, 15.0, "the current comes on until 15 s: means, deviations and spectra are those of "
-         "the last 5 s only"),
-        (30.0, 0.0, "the current comes on until 30 s and the run ends at 20 s: means, deviations "
-         "and spectra are those of its ramp too"),
-    ],
-)  # fmt: skip
+    [(0.0, 0.0, ""), (4.0, 4.0, ""), (15.0, 15.0, "the last 5 s only"), (30.0, 0.0, "ramp too")],
+)
 def test_statistics_leave_out_ramps_or_say_that_they_do_not(ramp_time, settled, note):
     duration = 20.0 if ramp_time else 0.5
     dataset = sampled(flow=[UNIFORM | {"ramp_time": ramp_time}], simulation={"duration": duration})
     assert dataset.attrs["settled"] == settled
-    assert dataset.attrs["notes"] == note
+    assert dataset.attrs["notes"].endswith(note)
+    assert bool(dataset.attrs["notes"]) == bool(note)
     deviation = float(dataset["profile_standard_deviation"].max())
     assert (deviation > 0.01) == (settled < ramp_time)
 
@@ -248,19 +241,10 @@ def write(folder, kind, extra=""):
     (folder / "mine.toml").write_text(text + (f"[[flow]]\n{KINDS[kind]}\n" if kind else ""))
 
 
-@pytest.mark.parametrize(
-    "kind",
-    # two of them among the quick tests: each costs a second or two
-    [
-        kind if kind in ("uniform", "waves") else pytest.param(kind, marks=pytest.mark.slow)
-        for kind in KINDS
-    ],
-)
+@pytest.mark.parametrize("kind", quick_and_slow(KINDS, quick=1))
 def test_every_kind_of_current_is_drawn_and_summed_up(here, kind):
     write(here, kind)
-    written = succeeded("flow", "mine.toml")
-    for word in (f"A {kind} current", "mean velocity", "intensity", "integral time"):
-        assert word in written
+    assert "mean velocity" in succeeded("flow", "mine.toml")
     folder = here / "results" / "mine-flow"
     assert sorted(path.name for path in folder.iterdir()) == sorted(["flow.nc", *FIGURES])
     for name in FIGURES:
@@ -277,47 +261,8 @@ def test_a_measured_current_is_described_with_its_repairs(here):
     write(here, "measured")
     written = succeeded("flow", "mine.toml", "--set", "simulation.duration=20", "--out", "out")
     assert "flow.0: a.nc, 29.9 s at 10 Hz, 300 samples at one place" in written
-    assert "note: flow.0: 1.67% of u is missing" in written
     with xr.open_dataset(here / "out" / "flow.nc") as dataset:
         assert dataset.attrs["notes"].startswith("flow.0: 1.67% of u is missing")
-
-
-def test_a_file_of_others_is_not_replaced_unless_forced(here):
-    write(here, "uniform")
-    (here / "out").mkdir()
-    (here / "out" / "flow.nc").write_text("mine")
-    line = refused("flow", "mine.toml", "--out", "out")
-    assert line.startswith("crinoid: --out: out/flow.nc was not written by crinoid")
-    assert [path.name for path in (here / "out").iterdir()] == ["flow.nc"]
-    assert (here / "out" / "flow.nc").read_text() == "mine"
-    for again in (("--force",), ()):  # what it wrote itself it replaces
-        succeeded("flow", "mine.toml", "--out", "out", *again)
-
-
-def test_still_water_has_no_current_and_a_study_is_refused(here):
-    write(here, "")
-    still = succeeded("flow", "mine.toml")
-    assert still.strip() == "still water: the scenario has no [[flow]]"
-    write(here, "sine", '[vary]\n"flow.0.frequency_hz" = [1.0, 2.0]')
-    assert refused("flow", "mine.toml").startswith("crinoid: vary: a current is of one case")
-    assert sorted(path.name for path in here.iterdir()) == ["a.nc", "mine.toml"]
-
-
-@pytest.mark.parametrize("command", ["run", "equilibrium", "flow"])
-def test_a_file_that_does_not_fit_is_a_mistake_and_nothing_is_written(here, command):
-    write(here, "measured")
-    before = sorted(here.rglob("*"))
-    line = refused(command, "mine.toml", "--set", 'flow.0.velocity=["east", "w"]')
-    assert line.startswith('crinoid: flow.0.velocity.0: got "east", no such variable in a.nc')
-    assert sorted(here.rglob("*")) == before
-
-
-def test_a_case_with_a_file_that_does_not_fit_is_named_before_any_is_run(here):
-    write(here, "measured", '[vary]\n"flow.0.file" = ["a.nc", "b.nc"]')
-    line = refused("run", "mine.toml", "--out", "out")
-    assert line.startswith("crinoid: vary: case flow.0.file = ")
-    assert line.endswith("b.nc: no such file")
-    assert not (here / "out").exists()
 
 
 def counted(monkeypatch, name: str) -> list[None]:
@@ -342,9 +287,7 @@ def test_notes_are_kept_and_a_run_is_resumed_from_elsewhere(here, monkeypatch):
     assert list(map(len, counts)) == [1, 1]  # read once, built once
     assert "note: flow.0: 1.67% of u is missing" in written
     result = Result.load(here / "out")
-    assert result.notes == [
-        "flow.0: 1.67% of u is missing and was filled by straight lines, the longest gap 0.6 s"
-    ]
+    assert result.notes[0].startswith("flow.0: 1.67% of u is missing")
     (here / "deep").mkdir()
     monkeypatch.chdir(here / "deep")
     longer = ("--set", "simulation.duration=2.5")
@@ -379,38 +322,11 @@ def test_cases_are_run_with_the_records_of_their_checks_as_far_as_these_fit(
     assert len(opened) == readings
 
 
-@pytest.mark.slow
-def test_a_current_of_three_components_is_drawn(here):
-    write(here, "measured")
-    succeeded("flow", "mine.toml")
-    with xr.open_dataset(here / "results" / "mine-flow" / "flow.nc", decode_times=False) as flow:
-        wide = flow.load().sel(axis=["x", "x", "z"]).assign_coords(axis=["x", "y", "z"])
-    sizes = {}
-    for name, dataset in (("two", flow), ("three", wide)):
-        (here / name).mkdir()
-        dataset.to_netcdf(here / name / "flow.nc")
-        for path in write_report(here / name):
-            assert_shows_something(path)
-            sizes[name, path.name] = imread(path).shape
-    # a panel more below the others, or beside them
-    assert sizes["three", "flow.png"][0] > sizes["two", "flow.png"][0]
-    assert sizes["three", "spectrum.png"] == sizes["two", "spectrum.png"]
-
-
-def test_a_broken_flow_file_is_refused(here):
-    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(here / "flow.nc")
-    with pytest.raises(ReportError, match="it has no flow_velocity"):
-        write_report(here)
-
-
 # --- what comes with the package ---------------------------------------------------------------
 
 
 def test_the_record_that_comes_along_is_the_one_its_script_makes():
-    path = ROOT / "docs" / "make_tidal_record.py"
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = load_script(ROOT / "docs" / "make_tidal_record.py")
     made = script.synthetic(script.SEED)
     assert script.deviates(made) < 0.1
     with xr.open_dataset(script.RECORD, decode_times=False) as stored:
@@ -432,4 +348,3 @@ def test_a_built_in_scenario_brings_its_file_along(here, monkeypatch):
     succeeded("scenarios", "--copy", "channel")
     assert (here / "a.nc").read_bytes() == (folder / "a.nc").read_bytes()
     assert load("./channel.toml").flow[0].file == str(here / "a.nc")
-    assert "channel.toml: already there" in refused("scenarios", "--copy", "channel")

@@ -12,7 +12,7 @@ from scipy.special import ellipk
 import crinoid
 from crinoid.analysis.equilibria import CURVE, Curve, curve_table, find_equilibria
 from crinoid.scenario import ScenarioError
-from helpers.command import call, refused, succeeded
+from helpers.command import call, succeeded
 
 LENGTH, EI = 0.5, 1e5 * np.pi / 4 * 0.02**4
 OFFSET, FRICTION = 0.008, 0.3
@@ -146,19 +146,14 @@ def bellows(tmp_path, monkeypatch):
 
 
 def test_the_command_writes_a_table_a_file_and_a_figure(bellows):
-    command = ("equilibrium", "bellows.toml", "--vary", "chamber.0.pressure=0:5e4:3")
-    text = succeeded(*command, "--out", "out")
+    vary = ("--vary", "chamber.0.pressure=0:5e4:3")
+    succeeded("equilibrium", "bellows.toml", *vary, "--out", "out")
     assert {path.name for path in (bellows / "out").iterdir()} == {CURVE, "curve.csv", "curve.png"}
     table = list(csv.DictReader((bellows / "out" / "curve.csv").open()))
     data = xr.load_dataset(bellows / "out" / CURVE)
     numbers = [float(row["tip_turn (rad)"]) for row in table]
     np.testing.assert_array_equal(numbers, data["tip_turn"][0])
-    for turn in np.rad2deg(numbers).round(3) + 0.0:
-        assert f" {turn:.3f} " in text
     succeeded("report", "out")
-    (bellows / "out" / "curve.csv").write_text("branch,mine\n")
-    assert "curve.csv was not written by crinoid" in refused(*command, "--out", "out")
-    assert "wrote" in succeeded(*command, "--out", "out", "--force")
 
 
 @pytest.mark.slow
@@ -173,28 +168,6 @@ def test_values_without_an_equilibrium_are_named_and_the_others_kept(bellows):
     found = xr.load_dataset(bellows / "x" / CURVE)
     assert np.isfinite(found["tip_turn"].values[0]).tolist() == [True, True, False]
     assert str(found["status"].values[0, 2]).startswith("failed: no equilibrium")
-
-
-@pytest.mark.parametrize(
-    ("vary", "line"),
-    [
-        ("arm.lenght=1:2:3", "arm.lenght: unknown key; did you mean arm.length?"),
-        ("arm.length=0:1:3", "arm.length: got 0.0; must be a number above 0 (m)"),
-        ("arm.length=1:2", "must have a count, arm.length=FROM:TO:COUNT"),
-        ("arm.length=1,long", "must have numbers as values"),
-        ("arm.length=1,1", "must have 2 or more different values"),
-        ("arm.length=1:2:99999", "must have a count of at most 10000"),
-        ("chamber.0.pressure=0:6e4:3", "chamber.0.pressure: got 60000.0; must be 0 to"),
-    ],
-)
-def test_a_mistake_is_one_line(bellows, vary, line):
-    assert line in refused("equilibrium", "bellows.toml", "--vary", vary)
-    assert [path.name for path in bellows.iterdir()] == ["bellows.toml"]
-
-
-def test_two_keys_are_too_many(bellows):
-    both = ("--vary", "arm.length=1:2:3", "--vary", "arm.radius=1:2:3")
-    assert "got 2 keys; must name one" in refused("equilibrium", "bellows.toml", *both)
 
 
 def test_a_schedule_adds_to_a_constant_pressure():

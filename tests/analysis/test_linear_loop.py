@@ -20,13 +20,12 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.control import Controller
 from crinoid.inverse.gain_design import GainDesign
 from crinoid.inverse.gain_search import StabilityConstraint
-from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario import Scenario
 from crinoid.simulation import loop_margin as closed_form
 from crinoid.simulation.chunk import fast_chunk
 from crinoid.simulation.loop_margin import OpenLoop
 from crinoid.simulation.run import begin
 from crinoid.simulation.setup import set_up
-from crinoid.view.figures import ReportError, write_report
 from helpers.command import succeeded
 from helpers.figures import assert_shows_something
 
@@ -246,7 +245,6 @@ def written(tmp_path, monkeypatch):
         (tmp_path / "loop.toml").write_text(prepared.scenario.to_toml())
         output = succeeded("margins", tmp_path / "loop.toml", "--out", tmp_path)
         for name in ("bode.png", "nyquist.png"):
-            assert f"wrote {tmp_path / name}" in output
             assert_shows_something(tmp_path / name)
         return output
 
@@ -256,16 +254,12 @@ def written(tmp_path, monkeypatch):
 def test_crinoid_margins_prints_saves_and_draws(prepared, linear, tmp_path, written):
     output, margin = written(find_margins(prepared), prepared), linear.open.margin()
     assert f"{np.rad2deg(margin.phase):.3g} deg" in output
-    assert "stable" in output
     saved = xr.load_dataset(tmp_path / "margins.nc")
     assert float(saved["delay_margin"]) == pytest.approx(margin.delay)
     assert saved["delay_margin"].attrs["units"] == "s"
     assert saved["input"].values.tolist() == ["slide", "tilt"]
     loci = saved["locus_real"].values + 1j * saved["locus_imaginary"].values
     assert np.abs(1 + loci).min() == pytest.approx(float(saved["modulus_margin"]))
-    saved.drop_vars("gain_margin").to_netcdf(tmp_path / "margins.nc")
-    with pytest.raises(ReportError, match="no gain_margin"):
-        write_report(tmp_path / "margins.nc")
 
 
 MEAN = {"kind": "uniform", "velocity": [0.1, 0.0]}
@@ -328,8 +322,3 @@ def test_a_search_keeps_its_margin_in_the_worse_water(prepared):
     assert excess(0.3, between)[0].excess > 0.1
     # stable in the mean current alone: as bad as any unstable loop
     assert excess(1.0, 0.5)[0].excess > 1
-
-
-def test_a_loop_needs_a_controller(prepared):
-    with pytest.raises(ScenarioError, match=r'control\.kind: got "none"; must be'):
-        linear_loop(changed(prepared, {"control.kind": "none"}))

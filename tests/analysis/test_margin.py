@@ -180,7 +180,6 @@ def test_a_note_names_the_channel_at_fault_and_by_what_to_lower_it():
     assert loop_warnings(late_integrators(1.0, factor * 4.0 * LIMIT), gains) == []
     # close to unstable
     (note,) = loop_warnings(late_integrators(1.0, 0.96 * LIMIT), gains)
-    assert "hardly die down" in note
     assert "with 1.04 times all gains they grow" in note
     both = {name: PidGains(ki=4.0 * LIMIT) for name in gains}
     (note,) = loop_warnings(late_integrators(4.0 * LIMIT, 4.0 * LIMIT), both)

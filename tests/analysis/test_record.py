@@ -21,7 +21,7 @@ from crinoid.numerics.signals_and_systems import von_karman
 from crinoid.recording.series import FilledRecord
 from crinoid.scenario import Scenario
 from crinoid.view.figures import write_report
-from helpers.command import refused, succeeded
+from helpers.command import succeeded
 from helpers.figures import assert_shows_something
 
 EARTH = ("east", "north", "up")
@@ -101,10 +101,8 @@ def test_a_histogram_adds_up_and_has_the_mean():
     known = dict(zip(centres.round(3).tolist(), shares.tolist(), strict=True))
     assert (known[0.075], known[0.125], known[0.325], known[1.025]) == (0.1, 0.2, 0.4, 0.3)
     assert centres @ shares == pytest.approx(speed.mean(), abs=0.025)
-    assert histogram(np.zeros(5))[1].tolist() == [
-        1.0,
-        *[0.0] * (len(histogram(np.zeros(5))[1]) - 1),
-    ]
+    first, *others = histogram(np.zeros(5))[1]
+    assert (first, any(others)) == (1.0, False)
 
 
 def test_the_spectrum_has_the_period_and_the_variance_of_a_sine():
@@ -186,11 +184,7 @@ def here(tmp_path, monkeypatch):
     known = {"standard_name": "eastward_sea_water_velocity"}
     xr.Dataset(
         {
-            "uo": (
-                ("time", "depth"),
-                east,
-                unit | known,
-            ),
+            "uo": (("time", "depth"), east, unit | known),
             "vo": (("time", "depth"), 0 * east + 0.1, unit),
             "uo_qc": (("time", "depth"), np.ones(east.shape, np.int8)),
             "temperature": ("time", 0 * time, {"units": "degree_C"}),
@@ -207,22 +201,13 @@ def here(tmp_path, monkeypatch):
 
 def test_a_profile_is_summed_up_and_drawn(here):
     written = succeeded("flow", "sea.nc")
-    for name, role in {
-        "uo": "east",
-        "vo": "north",
-        "uo_qc": "flag",
-        "temperature": "other",
-    }.items():
-        assert any(line.split()[:2] == [name, role] for line in written.splitlines())
     assert "299.5 s from 2024-03-01T00:00:00, 600 samples each 0.5 s (2 Hz)" in written
     assert "levels z (m): -9, -5, -2" in written
-    assert "z = -9 m" in written
-    assert "tide: none, it needs a record of 15 days" in written
     folder = here / "results" / "sea-flow"
     files = ["histogram.csv", "record.nc", "record.png"]
     assert sorted(path.name for path in folder.iterdir()) == files
-    assert_shows_something(folder / "record.png")
     assert [path.name for path in write_report(folder)] == ["record.png"]
+    assert_shows_something(folder / "record.png")
     with xr.open_dataset(folder / "record.nc", decode_times=False) as data:
         assert all(data[name].attrs["units"] for name in data.data_vars)
         assert "model_spectrum" in data
@@ -243,10 +228,8 @@ def test_the_printed_table_plays_the_record(here):
     assert "flow.0: sea.nc, 299.5 s at 2 Hz" in succeeded("flow", "mine.toml")
 
 
-def test_a_table_of_one_point_is_summed_up_without_turbulence(here):
-    written = succeeded("flow", "pier.csv", "--out", "out")
-    assert "turbulence: none, it needs samples less than 1 s apart" in written
-    assert "levels" not in written
+def test_a_table_of_one_point_above_a_shallow_bed_is_summed_up(here):
+    succeeded("flow", "pier.csv", "--out", "out", "--set", "water.depth=3")
     assert (here / "out" / "record.png").exists()
 
 
@@ -267,22 +250,3 @@ def test_times_without_a_date_and_latitudes_in_words_are_summed_up(here, unit):
     rows = "".join(f"{k},36N,0.{k}\n" for k in range(4))
     (here / "odd.csv").write_text(f"time ({unit}),lat,u (m/s)\n{rows}")
     assert "4 samples each" in succeeded("flow", "odd.csv")
-
-
-def test_a_shallow_bed_bounds_a_record(here):
-    assert "samples" in succeeded("flow", "pier.csv", "--set", "water.depth=3")
-
-
-def test_wrong_options_and_files_of_others_get_one_line(here):
-    line = refused("flow", "pier.csv", "--set", "arm.length=0.5")
-    assert line.startswith(
-        'crinoid: --set: got "arm.length=0.5"; must be water.depth or, of flow.0'
-    )
-    assert refused("flow", "pier.csv", "--set", "flow.0.skip=3").startswith("crinoid: --set: got")
-    (here / "out").mkdir()
-    (here / "out" / "histogram.csv").write_text("mine")
-    line = refused("flow", "pier.csv", "--out", "out")
-    assert line.startswith("crinoid: --out: out/histogram.csv was not written by crinoid")
-    assert [path.name for path in (here / "out").iterdir()] == ["histogram.csv"]
-    for again in (("--force",), ()):
-        succeeded("flow", "pier.csv", "--out", "out", *again)

@@ -15,8 +15,8 @@ from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.marker import Marker, MarkerWeights
 from crinoid.inverse.record import ExperimentRecord, Holds
 from crinoid.inverse.unknowns import Unknowns
-from crinoid.scenario import Scenario, ScenarioError
-from helpers.command import refused, succeeded
+from crinoid.scenario import Scenario
+from helpers.command import succeeded
 from helpers.figures import assert_shows_something
 
 LENGTH, NOISE = 0.4, 5e-4
@@ -259,8 +259,7 @@ def test_the_command_finds_the_numbers_of_holds_within_three_standard_errors(cle
     (folder / "all.toml").write_text(f'{table}[[experiment]]\nfile = "holds.csv"\n')
     settings = [word for key, value in WRONG.items() for word in ("--set", f"{key}={value}")]
     call = ("identify", folder / "arm.toml", folder / "all.toml", "--of", ",".join(KEYS))
-    output = succeeded(*call, *settings, "--out", folder / "out")
-    assert "RMS error, high" in output
+    succeeded(*call, *settings, "--out", folder / "out")
     data = xr.load_dataset(folder / "out" / "identify.nc")
     apart = (data["found"].values - TRUE) / data["standard_error"].values
     assert np.abs(apart).max() < 3
@@ -274,65 +273,3 @@ def test_the_command_finds_the_numbers_of_holds_within_three_standard_errors(cle
     identified = crinoid.load(folder / "out" / "identified.toml")
     both = [each.friction for each in identified.tendon]
     assert both[0] == both[1] == pytest.approx(float(data["found"][2]), rel=1e-5)
-
-
-@pytest.mark.slow
-def test_numbers_that_holds_cannot_tell_apart_are_refused():
-    # at rest in no weight only the ratio of tension and stiffness counts
-    light = HELD.with_values({"water.gravity": 0.0})
-    record = computed(unmeasured(SHARES[1:3]), KEYS, light)
-    section = "arm.section.EI+arm.section.EA"
-    keys = ("tendon.0.max_tension+tendon.0.pretension", section, KEYS[2])
-    stiff = light.with_values({"arm.section.EI": 5e-3, "arm.section.EA": 100.0})
-    with pytest.raises(ScenarioError, match=r"^arm.section.*: cannot be distinguished from tendon"):
-        Identification(stiff, keys, [record]).run(*QUIETLY)
-    with pytest.raises(ScenarioError, match=r"^arm.density: has no effect on the measured"):
-        Identification(light, KEYS, [record]).run(*QUIETLY)
-
-
-MISTAKEN_TABLES = {
-    TABLE.replace("tendon_1", "tendon1"): "has a column tendon1; must be hold, marker or one of x,",
-    TABLE.replace("-0.4,0.8", "-0.4,0.6"): "tendon_0 is 0.375 and 0.5 in hold a; must",
-    TABLE.replace("-0.4,0.8", "-0.4,"): "tendon_0 is nan and 0.5 in hold a; must be",
-    TABLE.replace("low", "ring"): 'got "ring"; must be "tip" or "low". A [[marker]] describes',
-    TABLE.replace("0.8", "1.8"): "tendon_0 is 1.125 of the largest in hold a; must be 0 to 1",
-    TABLE.replace("(N)", "(Pa)"): 'tendon_0 is in "Pa"; must be in a unit such as 1',
-    TABLE.replace("x (mm)", "angle").replace(",z", ",turn"): "must have hold and some of x, z",
-    "marker,x,z\nlow,1,2\n": 'got "time", no such column',
-}
-MISTAKEN_FILES = {
-    FILE.replace("0.15", "0.5"): "marker.0.s: got 0.5; must be at most 0.4 (m), arm.length",
-    FILE.replace("0.15", "-1.0"): "marker.0.s: got -1.0; must be a number of 0 or more (m)",
-    FILE.replace("0.0, 0.02", "0.1"): "marker.0.offset: got [0.1]; must be [along the arm, across",
-    FILE.replace("0.0, 0.02", "0, 0, 1"): "marker.0.offset: got [0.0, 0.0, 1.0]; must be [along",
-    FILE.replace("offset", "ofset"): "marker.0.ofset: unknown key; did you mean marker.0.offset?",
-    FILE.replace('name = "low"', ""): "marker.0.name: missing; must be text in quotes",
-    '[[experiment]]\nfile = "none.csv"\n': "experiment.0.file: ",
-    FILE + '[[experiment]]\nfile = "holds.csv"\n': 'experiment.1.name: got "holds"; must differ',
-    FILE + "set.arm.density = 1.0\n": "experiment.0.set.arm.density: is a number to find. Leave",
-    FILE + "set.arm.lengt = 1.0\n": "experiment.0.set.arm.lengt: unknown key; did you mean",
-    FILE + "set.base.position = [0.0]\n": "experiment.0.set.base.position: got [0.0]; must be",
-    "x": "all.toml: not valid TOML",
-    "": "experiment: missing; must be",
-}
-
-
-@pytest.mark.parametrize("text", MISTAKEN_TABLES)
-def test_a_table_that_has_no_holds_is_refused(folder, text):
-    (folder / "holds.csv").write_text(text)
-    line = refused("identify", folder / "arm.toml", folder / "all.toml", "--of", KEYS[0])
-    assert line.startswith("crinoid: ")
-    assert MISTAKEN_TABLES[text] in line
-
-
-@pytest.mark.parametrize("text", MISTAKEN_FILES)
-def test_a_file_that_describes_no_experiments_is_refused(folder, text):
-    (folder / "all.toml").write_text(text)
-    line = refused("identify", folder / "arm.toml", folder / "all.toml", "--of", ",".join(KEYS))
-    assert line.startswith(f"crinoid: {MISTAKEN_FILES[text]}")
-
-
-def test_a_list_is_refused_with_both_ways_out(folder):
-    record = folder / "all.toml"
-    line = refused("identify", folder / "arm.toml", record, "--of", "tendon.0.offset")
-    assert "tendon.0.offset.0, or all as one: tendon.0.offset.0+tendon.0.offset.1" in line

@@ -12,8 +12,8 @@ from crinoid.inverse.identification import Identification
 from crinoid.inverse.record import ExperimentRecord, read_record
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario, ScenarioError
-from crinoid.view.figures import ReportError, write_report
-from helpers.command import refused, succeeded
+from crinoid.view.figures import write_report
+from helpers.command import succeeded
 from helpers.figures import assert_shows_something
 
 SHAKEN = Scenario(
@@ -69,9 +69,7 @@ def found(measured):
     out = measured / "found"
     settings = [word for key, value in WRONG.items() for word in ("--set", f"{key}={value}")]
     record = measured / "tip.csv"
-    output = succeeded(*identify(measured, record, ",".join(KEYS), *settings, "--out", out))
-    for words in (*KEYS, "3e+05", "standard error", f"wrote {out / 'identified.toml'}"):
-        assert words in output
+    succeeded(*identify(measured, record, ",".join(KEYS), *settings, "--out", out))
     return out
 
 
@@ -95,13 +93,9 @@ def test_the_numbers_are_found_within_their_errors(found):
 
 
 @pytest.mark.slow
-def test_the_figure_shows_something_and_a_broken_file_is_refused(found, tmp_path):
-    assert_shows_something(found / "identify.png")
+def test_the_figure_shows_something(found, tmp_path):
     assert write_report(found, tmp_path) == [tmp_path / "identify.png"]
-    data = xr.load_dataset(found / "identify.nc")
-    data.drop_vars("measured").to_netcdf(tmp_path / "identify.nc")
-    with pytest.raises(ReportError, match="it has no measured over time, quantity"):
-        write_report(tmp_path)
+    assert_shows_something(tmp_path / "identify.png")
 
 
 @pytest.mark.slow
@@ -326,44 +320,6 @@ def test_a_table_of_motion_and_commands_is_read(tmp_path):
     assert any("before the start" in note for note in record.notes)
     assert any("1 of 5 rows" in note for note in record.notes)
     assert "not read: lfit" in record.notes
-
-
-MISTAKEN_KEYS = {
-    "arm.stiffness": "arm.stiffness: unknown key",
-    "arm.nodes": "arm.nodes: got 5; must be a real number",
-    "arm.section.EI": "arm.section.EI: has no initial value. Set one: --set",
-    "arm.rest_curvature": "arm.rest_curvature: got 0; must be another number to start",
-    "simulation.time_step": "simulation.time_step: is a setting of the computation",
-    "target.tip": 'target.tip: got "initial"; must be a real number',
-    "base.position": "base.position: got [0.0, -10.0]; must be a single number. Name one",
-    "arm.length,arm.length": "--of: got arm.length twice; must name each parameter once",
-    "sensor.noise_position": "sensor.noise_position: does not affect the motion",
-    ",": "--of: got no key",
-}
-MISTAKEN_RECORDS = {
-    "time,u\n0,1\n1,2\n": "has time, u; must have time and some of x, z, angle",
-    "x\n0\n1\n": "no such column in bad.csv; it contains x",
-    "time,x\n0,1\n1,metre\n": 'contains "metre" in row 2',
-    "time,x\n-3,1\n-2,2\n": "ends at -2 s of the run; must have times after 0",
-    "time,x\n0,1\n9,2\n": "got 1 measured numbers within the run; must be more than 1, the",
-    "time,x\n12,1\n13,2\n": "got no row within the run, at times from 12 s on; must have rows",
-    None: "no such file",
-}
-
-
-@pytest.mark.parametrize("key", MISTAKEN_KEYS)
-def test_a_key_that_names_nothing_to_find_is_refused(measured, key):
-    line = refused(*identify(measured, measured / "tip.csv", key))
-    assert line.startswith(f"crinoid: {MISTAKEN_KEYS[key]}")
-
-
-@pytest.mark.parametrize("text", MISTAKEN_RECORDS)
-def test_a_file_that_is_no_record_is_refused(measured, tmp_path, text):
-    if text is not None:
-        (tmp_path / "bad.csv").write_text(text)
-    line = refused(*identify(measured, tmp_path / "bad.csv", KEYS[0]))
-    assert line.startswith("crinoid: RECORD: ")
-    assert MISTAKEN_RECORDS[text] in line
 
 
 def test_a_result_of_another_dimension_is_no_record(measured):

@@ -169,10 +169,7 @@ def command(arc, out, *more, over=OVER, keep=f"max_error<{LIMIT}", ask=succeeded
 def test_the_command_writes_the_optimum_on_paper_into_the_users_own_file(arc, tmp_path):
     """The least pressure has the largest offset, and bends the arm just far enough."""
     out = tmp_path / "out"
-    output = command(arc, out, "--trials", 40, "--set", "water.drag_normal=1.3")
-    files = ("optimised.toml", "optimise.nc", "optimise.png", "summary.json")
-    for words in ("chamber.0.offset", "max_pressure (Pa)", *(f"wrote {out / f}" for f in files)):
-        assert words in output
+    command(arc, out, "--trials", 40, "--set", "water.drag_normal=1.3")
     text = (out / "optimised.toml").read_text()
     for line in ("density = 1000.0   # that of the water", "offset = 0.01     # m, to be chosen"):
         assert line in text
@@ -235,34 +232,3 @@ def test_an_interruption_saves_the_best_so_far(arc, tmp_path, monkeypatch):
     data = xr.load_dataset(tmp_path / "optimise.nc")
     assert 3 <= data.sizes["trial"] < 200
     assert Scenario.from_toml((tmp_path / "optimised.toml").read_text())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--over", "arm.length=0.6:0.4"), '--over: got "arm.length=0.6:0.4"; must be KEY=FROM:TO'),
-        (("--over", "arm.length=nan:0.4"), "--over: got"),
-        (("--over", "arm.length"), "--over: got"),
-        (("--over", "arm.length=-1:1:log"), "have ends of one sign"),
-        (("--over", "arm.length=-1:1"), "arm.length: got -1.0; must be "),
-        (("--over", "arm.lenth=0.1:1"), "arm.lenth: unknown key; did you mean arm.length?"),
-        (("--over", "arm.nodes=5:9"), "arm.nodes: got 11; must be a real number"),
-        (("--over", "simulation.time_step=0.01:0.02"), "is a setting of the computation"),
-        (("--over", "target.tip=0:1"), "must be a single number. Name one of them"),
-        (("--over", "arm.length=0.1:1", "--over", "arm.length=0.1:2"), "got a key twice"),
-        (("--for", "rms_eror"), '--for: got "rms_eror"; must be a measure, such as rms_error'),
-        (("--for", "settling_time", "--at-rest"), "--for: settling_time is not a number"),
-        (("--keep", "max_error<nan"), "--keep: got"),
-        (("--keep", "max_error=1"), "--keep: got"),
-        (("--keep", "max_eror<1"), "such as max_error"),
-        (("--trials", "0"), "--trials: got 0; must be at least 1"),
-        (("--seeds", "0"), "--seeds: got 0; must be at least 1"),
-    ],
-)
-def test_a_mistake_is_one_line(arc, tmp_path, arguments, words):
-    given = dict(zip(arguments[::2], arguments[1::2], strict=False))
-    more = [] if "--over" in given else ["--over", "arm.length=0.4:0.6"]
-    more += [] if "--for" in given else ["--for", "rms_error"]
-    line = refused("optimise", arc, *arguments, *more, "--out", tmp_path / "out")
-    assert words in line
-    assert not (tmp_path / "out").exists()

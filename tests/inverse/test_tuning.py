@@ -14,20 +14,18 @@ import crinoid
 from crinoid.analysis.margins import find_margins
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.folder import check_own
-from crinoid.cli.inverse import _tuning_notes
 from crinoid.inverse import tuning as module
 from crinoid.inverse.constrained_search import constrain
-from crinoid.inverse.gain_design import Cost, CostWeights, GainDesign, cost, tunable_numbers
+from crinoid.inverse.gain_design import Cost, CostWeights, GainDesign, cost
 from crinoid.inverse.gain_search import GainTrial, bounds, descend, nearest
 from crinoid.inverse.tuning import STARTS, Tuning
 from crinoid.results.errors import tip_error
 from crinoid.scenario import Scenario
 from crinoid.simulation import simulate
-from crinoid.view.figures import ReportError, write_report
+from crinoid.view.figures import write_report
 from helpers.arms import QUICKLY
-from helpers.command import call, refused, succeeded
+from helpers.command import call, succeeded
 from helpers.figures import assert_shows_something
-from helpers.refusals import mistake
 
 GUSTS = {"kind": "gauss-markov", "mean": [0.0, 0.3], "standard_deviation": [0.05, 0.1]}
 GAINS = {"heave": {"kp": 0.02, "ki": 0.1}, "tilt": {"ki": 0.1}}
@@ -49,12 +47,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tune")
     (folder / "small.toml").write_text(SCENARIO.to_toml())
     arguments = ("--seeds", 2, "--iterations", 6, "--margin", MARGIN, "--out", folder)
-    output = succeeded("tune", folder / "small.toml", *arguments)
-    wrote = [f"wrote {folder / name}" for name in ("tuned.toml", "tune.nc", "tune.png")]
-    margins = ("modulus margin", "delay margin")
-    errors = ("root of cost, other draws", "tip error, RMS")
-    for words in ("heave.kp", "tilt.ki", *margins, *errors, *wrote):
-        assert words in output
+    succeeded("tune", folder / "small.toml", *arguments)
     return folder
 
 
@@ -107,11 +100,12 @@ run_without_slopes = eqx.filter_jit(crinoid.rollout, compiler_options=QUICKLY)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", [0, 20])
-def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first):
+@pytest.mark.parametrize(("begin", "first"), [(0.0, 0), (0.42, 20)])
+def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, begin, first):
     draw = search.draws[0]
     controllers = search._design.perturbations(np.zeros(3))
-    weights = search._weights._replace(counted=(np.arange(50) >= first).astype(float))
+    judged = search.scenario.with_values({"target.judged_from": begin})
+    weights = CostWeights.of(judged, draw.loop)
     found = cost(controllers.nominal, controllers.slopes, draw.loop, draw.state, weights, 50)
     seen = run_without_slopes(draw.loop, draw.state, 50).kept
     z, angle = seen.error[first:, 1], 0.5 * seen.error[first:, 2]
@@ -119,16 +113,6 @@ def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first
     expected = np.mean(z**2 + angle**2) + 1e-4 * np.mean(np.sum(speed**2, axis=1))
     np.testing.assert_allclose(found.total, expected, rtol=1e-9)
     np.testing.assert_allclose(found.error, np.mean(seen.error[first:, 0] ** 2 + z**2), rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_time_steps_count_from_the_time_that_the_scenario_says(search):
-    weights = CostWeights.of(
-        search.scenario.with_values({"target.judged_from": 0.25}), search.draws[0].loop
-    )
-    step, counted = search.scenario.simulation.time_step, weights.counted
-    assert counted.size == search.scenario.simulation.steps
-    np.testing.assert_array_equal(counted, step * np.arange(1, counted.size + 1) > 0.25 - 1e-6)
 
 
 # --- the search ------------------------------------------------------------------------------
@@ -315,67 +299,11 @@ def test_the_error_without_control_is_that_of_runs_without_it(data):
         assert found == pytest.approx(tip_error(simulate(alone)).rms, rel=1e-3)
 
 
-def test_a_search_with_few_trials_and_little_effect_has_notes():
-    tuning, costs = Tuning.__new__(Tuning), {"before": 2.0, "after": 1.0}
-    errors = {"before_error": 0.02, "after_error": 0.0095, "uncontrolled_error": 0.01}
-    vars(tuning).update(
-        scenario=SCENARIO,
-        random=True,
-        iterations=6,
-        margin=MARGIN,
-        cost=np.ones((4, 2)),
-        held_out={name: np.array([each]) for name, each in (costs | errors).items()},
-        _rank=(False, 1.0),
-        _limited=np.array([True, False]),
-        _best_start=0,
-    )
-    tuning.held_out["uncontrolled"] = np.array([3.0])
-    weak, short = _tuning_notes(tuning, xr.Dataset())
-    assert "hardly holds the tip better than none" in weak
-    assert weak.endswith('or try control.kind = "lqg".')
-    assert short.startswith("the search ended at --iterations 6.")
-    tuning.held_out["after_error"], tuning._best_start = np.array([0.005]), 1
-    assert _tuning_notes(tuning, xr.Dataset()) == []
-
-
 @pytest.mark.slow
-def test_the_figure_shows_the_search(folder, data, tmp_path):
+def test_the_figure_shows_the_search(folder, tmp_path):
     check_own(folder / "tune.nc")  # a second search may replace it
     (figure,) = write_report(folder / "tune.nc", tmp_path)
-    assert figure.name == "tune.png"
     assert_shows_something(figure)
-    data.drop_vars("tried").to_netcdf(tmp_path / "tune.nc")
-    with pytest.raises(ReportError, match="it has no tried over start, iteration, key"):
-        write_report(tmp_path / "tune.nc")
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        (
-            {"control": {"kind": "none"}},
-            'control.kind: got "none"; must be "pid", "lqg" or "mpc"',
-        ),
-        ({"control": {"kind": "pid", "pid": {"tilt": {}}}}, "control.pid: has no gains to tune"),
-        ({"vary": {"arm.length": [0.4, 0.5]}}, "vary: tuning needs a single case. Omit vary"),
-    ],
-)
-def test_a_scenario_without_anything_to_tune_is_refused(values, words):
-    assert words in mistake(tunable_numbers, Scenario.from_dict(SCENARIO.to_dict() | values))
-
-
-@pytest.mark.parametrize(
-    ("option", "words"),
-    [
-        ("--seeds=0", "--seeds: got 0; must be at least 1"),
-        ("--iterations=0", "--iterations: got 0; must be at least 1"),
-        ("--margin=-0.1", "--margin: got -0.1"),
-        ("--margin=1", "--margin: got 1"),
-        ("--margin=nan", "--margin: got nan"),
-    ],
-)
-def test_options_out_of_range_are_refused(option, words, tmp_path):
-    assert words in refused("tune", "station-keeping", option, "--out", tmp_path / "out")
 
 
 @pytest.mark.slow

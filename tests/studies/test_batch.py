@@ -13,12 +13,8 @@ import crinoid.studies.batch
 from crinoid.control import Controller
 from crinoid.results.metrics import MEASURES, measured
 from crinoid.scenario import Scenario
-from crinoid.scenario.kinds import unit_at
 from crinoid.simulation import setup
 from crinoid.simulation.batch import run_batch
-from crinoid.studies.batch import Variation
-from crinoid.studies.measures import stacked
-from helpers.refusals import mistake
 
 SCENARIO = crinoid.Scenario(
     title="a batch",
@@ -135,67 +131,6 @@ def test_a_stopped_batch_returns_its_complete_runs():
     assert np.isnan(found["rms_error"][unfinished]).all()
     assert found.attrs["status"].startswith("interrupted: ")
     assert done[-1].duration == pytest.approx(5 * 0.2)
-
-
-def test_runs_of_different_length_are_stacked():
-    time, about = [0.0, 0.1, 0.2], {"units": "m"}
-    steps = ("time", np.array([0, 1, 1]))
-    whole = xr.Dataset({"x": ("time", [1.0, 2.0, 3.0], about), "steps": steps}, {"time": time})
-    failed = whole.isel(time=slice(0, 2)).assign_coords(time=[0.0, 0.05]) + 1
-    found = stacked([None, whole, failed])
-    assert found["x"].attrs == about
-    rows = [[np.nan] * 3, [1.0, 2.0, 3.0], [2.0, np.nan, np.nan]]
-    np.testing.assert_array_equal(found["x"], rows)
-    assert stacked([whole, whole])["steps"].dtype == int
-    assert stacked([whole, whole])["time"].dims == ("time",)
-    assert not stacked([None, None]).variables
-
-
-def test_units_of_keys():
-    schema = Scenario.model_json_schema()
-    keys = ("arm.youngs_modulus", "flow.3.velocity", "flow.0.velocity.1", "arm.nodes", "arm.none")
-    assert [unit_at(schema, key) for key in keys] == ["Pa", "m/s", "m/s", "", ""]
-
-
-YOUNG = "arm.youngs_modulus"
-PROGRAM = "which changes the compiled program"
-
-
-@pytest.mark.parametrize(
-    ("over", "seeds", "words"),
-    [
-        (None, None, "over: missing, like seeds. Pass at least one of them."),
-        ({}, None, "over: missing, like seeds"),
-        ([YOUNG], None, "over: got ["),
-        ({"arm.young": [1.0]}, None, "over: entry 0, arm.young: unknown key"),
-        ({YOUNG: 1e6}, None, f"over: {YOUNG}: got 1000000.0; must be a list"),
-        ({YOUNG: []}, None, f"over: {YOUNG}: got no values; must have at least one"),
-        ({YOUNG: [1e6, -1.0]}, None, f"over: entry 1, {YOUNG}: got -1.0; must be a number"),
-        (
-            {YOUNG: [1e6, 2e6], "water.density": [1.0]},
-            None,
-            f"over: got 2 values of {YOUNG}, 1 value of water.density; must have as many of each",
-        ),
-        ({"arm.nodes": [5, 7]}, None, f"over: entry 1, arm.nodes: got 7 after 5, {PROGRAM}"),
-        (
-            {"control.kind": ["pid", "none"]},
-            None,
-            'over: entry 1, control.kind: got "none" after "pid", which changes',
-        ),
-        (
-            {"simulation.duration": [0.1, 0.2]},
-            None,
-            "over: entry 1, simulation.duration: got 0.2 after 0.1, which changes the saved",
-        ),
-        (None, 0, "seeds: got 0; must be a number of at least 1, or a list of seeds"),
-        (None, 2.5, "seeds: got 2.5; must be a number of at least 1"),
-        (None, True, "seeds: got true; must be a number of at least 1"),
-        (None, [1, -1], "seeds: entry 1, seed: got -1; must be a whole number"),
-        ({"seed": [1]}, 2, 'seeds: excludes over["seed"]'),
-    ],
-)
-def test_a_mistake_is_one_line(over, seeds, words):
-    assert mistake(Variation.of, SCENARIO, over, seeds, records=True).startswith(words)
 
 
 @pytest.mark.slow

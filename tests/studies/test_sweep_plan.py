@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import tomli_w
 import xarray as xr
 
-from crinoid.cli.sweep import notes_of, shares_of_time, sweep_table
+from crinoid.cli.sweep import shares_of_time, sweep_table
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.variation import Span, combination, read_variation
 from crinoid.studies.sweep import SweepDesign
-from helpers.refusals import mistake
 
 ARM = Scenario(arm={"nodes": 5}, simulation={"duration": 0.1})
 
@@ -93,12 +91,6 @@ def test_samples_fill_their_ranges_and_are_the_same_each_time(kind):
     assert column(other, "arm.length") != column(plan, "arm.length")
 
 
-def test_an_unbalanced_sobol_sequence_has_a_note():
-    for count, notes in ((8, 0), (12, 1), (1, 0)):
-        plan = SweepDesign.of(ARM, ["arm.length=0.4:0.6"], sampling="sobol", count=count)
-        assert sum("no power of two" in note for note in notes_of(plan)) == notes
-
-
 def test_batches_hold_each_run_once_and_one_structure():
     texts = ["arm.nodes=5,7", "arm.length=1:3:3", "simulation.integrator=newmark,implicit-euler"]
     plan = SweepDesign.of(ARM, texts, seeds=4, batch=5)
@@ -154,50 +146,6 @@ def test_files_that_vary_are_found_again_and_known_by_their_content(tmp_path, mo
     assert SweepDesign.of(scenario, ["target.file=a.csv,b.csv"]).files != plan.files
 
 
-MISTAKES = {
-    "arm.length": "must be KEY=FROM:TO:COUNT or KEY=A,B",
-    "=1": "must be KEY=FROM:TO:COUNT or KEY=A,B",
-    "arm.length=": "or values with commas between them",
-    "arm.length=1,,2": "or values with commas between them",
-    "arm.length=0.3:x:4": "a finite number at each end",
-    "arm.length=0.3:nan:4": "a finite number at each end",
-    "arm.length=0.3:0.3:4": "two different ends",
-    "arm.length=0.3:0.6:1": "a count of 2 or more",
-    "arm.length=0.3:0.6:2.5": "a count of 2 or more",
-    "arm.length=0:1:3:log": "ends of one sign",
-    "arm.length=1:2:3:4": "must be FROM:TO:COUNT",
-    "arm.length=0.3:0.6": "must have a count",
-    "arm.length=0.3:0.6:10000001": "10000001 runs; must make at most 10000000",
-    "vary.arm=1": "must begin with a key that can vary",
-}
-
-
-@pytest.mark.parametrize(("text", "reason"), MISTAKES.items(), ids=list(MISTAKES))
-def test_a_wrong_variation_gets_one_line(text, reason):
-    line = mistake(SweepDesign.of, ARM, [text])
-    assert line.startswith("--vary: ")
-    assert reason in line
-
-
-def test_options_that_exclude_each_other_get_one_line():
-    span, grid = ["arm.length=0.3:0.6"], ["arm.length=0.3:0.6:4"]
-    for texts, options, words in (
-        (span, {"sampling": "halton", "count": 4}, '--sample: got "halton"'),
-        (span, {"sampling": "lhs"}, "--sample: needs --count N"),
-        (span, {"sampling": "lhs", "count": 0}, "--count: got 0"),
-        (span, {"sampling": "lhs", "count": 10**9}, "--count: got 1000000000"),
-        (grid, {"sampling": "lhs", "count": 4}, "--sample: needs a range to sample"),
-        (grid, {"count": 4}, "--count: needs --sample"),
-        (grid, {"seeds": 0}, "--seeds: got 0"),
-        (grid, {"batch": 0}, "--batch: got 0"),
-        (grid, {"seeds": 10**7}, "--vary: makes 40000000 runs"),
-        (grid, {"seeds": 10**6, "batch": 8}, "--batch: makes 500000 batches, a file each"),
-        (["seed=1,2"], {"seeds": 2}, "--seeds: excludes other values of seed"),
-        ([*grid, *grid], {}, "--vary: got arm.length twice"),
-    ):
-        assert mistake(SweepDesign.of, ARM, texts, **options).startswith(words)
-
-
 def test_weights_are_the_shares_of_the_nearest_speeds(tmp_path):
     file = tmp_path / "histogram.csv"
     file.write_text('"speed (m/s)","share of time"\n0.05,0.1\n0.15,0.4\n0.25,0.3\n0.35,0.2\n')
@@ -207,29 +155,6 @@ def test_weights_are_the_shares_of_the_nearest_speeds(tmp_path):
     np.testing.assert_allclose(shares_of_time(plan, file), [0.25, 0.25, 0.25, 0.25])
     plan = SweepDesign.of(scenario, ["flow.0.velocity.0=0.06:0.36:4"])
     np.testing.assert_allclose(shares_of_time(plan, file), [0.1, 0.4, 0.3, 0.2])
-
-
-@pytest.mark.parametrize(
-    ("vary", "text", "reason"),
-    [
-        ("arm.length=0.5,1.0 water.density=1000,1025", "", "needs one key"),
-        ("flow.0.velocity.0=0.1,0.2", "speed,share\n0.1,1\n", "must have numbers in columns"),
-        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.2,0.4\n", "add up to 0.8"),
-        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.5,0.6\n", "60.00% of the time is far from 0.1"),
-        ("control.kind=pid,lqg", "0.1,1.0\n", "control.kind has values that are no speeds"),
-    ],
-)
-def test_weights_that_do_not_fit_get_one_line(tmp_path, vary, text, reason):
-    file = tmp_path / "histogram.csv"
-    head = "" if text.startswith("speed") else "speed (m/s),share of time\n"
-    file.write_text(head + text)
-    scenario = Scenario(flow=[{"kind": "uniform", "velocity": [0.1, 0.0]}])
-    plan = SweepDesign.of(scenario, vary.split())
-    with pytest.raises(ScenarioError) as caught:
-        shares_of_time(plan, file)
-    (line,) = caught.value.lines
-    assert line.startswith("--weights: ")
-    assert reason in line
 
 
 def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
@@ -245,30 +170,3 @@ def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
     assert last[0] == "1.33"  # (0.6 + 0.6) / 0.9
     assert last[-1] == "90.00%"
     assert len(sweep_table(data).columns) == len(table.columns) - 1
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "line"),
-    [
-        ("count", "1", 'count: got "1"; must be of type int'),
-        ("seeds", [2], "seeds: got [2]; must be of type int"),
-        ("seeds", 10**9, "--vary: makes 3000000000 runs; must make at most 10000000"),
-        ("seeds", 2**63, f"--vary: makes {3 * 2**63} runs; must make at most 10000000"),
-        ("seeds", 10**6, "--batch: makes 3000000 batches, a file each; must make at most 100000"),
-        ("varied", {"arm.nodes": "5:200004:200000"}, "--batch: makes 200000 batches, a file each"),
-        ("batch", 0, "--batch: got 0; must be at least 1"),
-        ("sampling", "", 'got ""; must be "grid", "lhs", "sobol" or "saltelli"'),
-        ("varied", {"arm.length": 3}, "varied.arm.length: got 3; must be a list of values"),
-        ("varied", {"arm.length": []}, "varied.arm.length: got []; must be a list of values"),
-    ],
-)
-def test_a_plan_with_a_broken_value_is_refused(key, value, line):
-    plan = SweepDesign.of(ARM, ["arm.length=0.3:0.6:3"]).to_dict() | {key: value}
-    assert line in mistake(SweepDesign.from_toml, tomli_w.dumps(plan))
-
-
-def test_a_plan_reads_back():
-    for options in ({}, {"sampling": "lhs", "count": 4}):
-        span = "0.3:0.6" if options else "0.3:0.6:3"
-        plan = SweepDesign.of(ARM, [f"arm.length={span}", "arm.nodes=4,5"], seeds=2, **options)
-        assert SweepDesign.from_toml(plan.to_toml()) == plan

@@ -1,0 +1,143 @@
+"""Mistakes in sweeps, batches and comparisons: one line each, and nothing is written."""
+
+import re
+from functools import partial
+
+import pytest
+import tomli_w
+import xarray as xr
+
+from crinoid.cli.sweep import shares_of_time
+from crinoid.scenario import Scenario
+from crinoid.studies.batch import Variation
+from crinoid.studies.sweep import SweepDesign
+from crinoid.view.figures import ReportError, write_report
+from helpers.command import refused
+from helpers.refusals import mistake
+
+ARM = Scenario(
+    arm={"nodes": 5},
+    base={"channels": {"tilt": {}}},
+    flow=[{"kind": "uniform", "velocity": [0.1, 0.0]}],
+    control={"kind": "pid", "pid": {"tilt": {"ki": 2.0}}},
+    simulation={"duration": 0.1},
+)
+GRID, SPAN, YOUNG = "arm.length=0.3:0.6:4", "arm.length=0.3:0.6", "arm.youngs_modulus"
+PROGRAM = "which changes the compiled program"
+
+
+def sweep(*texts, **options):
+    return partial(SweepDesign.of, ARM, texts, **options)
+
+
+def plan(**changes):
+    document = SweepDesign.of(ARM, [GRID]).to_dict() | changes
+    return partial(SweepDesign.from_toml, tomli_w.dumps(document))
+
+
+def batch(over=None, seeds=None):
+    return partial(Variation.of, ARM, over, seeds, records=True)
+
+
+MISTAKES = [
+    (sweep("arm.length"), "--vary: .*must be KEY=FROM:TO:COUNT or KEY=A,B"),
+    (sweep("arm.length=1,,2"), "--vary: .*or values with commas between them"),
+    (sweep("arm.length=0.3:nan:4"), "--vary: .*a finite number at each end"),
+    (sweep("arm.length=0.3:0.3:4"), "--vary: .*two different ends"),
+    (sweep("arm.length=0.3:0.6:1"), "--vary: .*a count of 2 or more"),
+    (sweep("arm.length=0:1:3:log"), "--vary: .*ends of one sign"),
+    (sweep("arm.length=1:2:3:4"), "--vary: .*must be FROM:TO:COUNT"),
+    (sweep(SPAN), "--vary: .*must have a count"),
+    (sweep("arm.length=0.3:0.6:10000001"), "--vary: .*10000001 runs; must make at most 10000000"),
+    (sweep("vary.arm=1"), "--vary: .*must begin with a key that can vary"),
+    (sweep(GRID, GRID), "--vary: got arm.length twice"),
+    (sweep(GRID, seeds=2**63), "--vary: makes .* runs; must make at most 10000000"),
+    (sweep(GRID, seeds=0), "--seeds: got 0"),
+    (sweep("seed=1,2", seeds=2), "--seeds: excludes other values of seed"),
+    (sweep(GRID, batch=0), "--batch: got 0; must be at least 1"),
+    (sweep(GRID, seeds=10**6, batch=8), "--batch: makes 500000 batches, a file each; must make at"),
+    (sweep(SPAN, sampling="halton", count=4), '--sample: got "halton"; must be "grid"'),
+    (sweep(SPAN, sampling="lhs"), "--sample: needs --count N"),
+    (sweep(GRID, sampling="lhs", count=4), "--sample: needs a range to sample"),
+    (sweep(SPAN, sampling="lhs", count=0), "--count: got 0"),
+    (sweep(SPAN, sampling="lhs", count=10**9), "--count: got 1000000000"),
+    (sweep(GRID, count=4), "--count: needs --sample"),
+    (plan(version="0.0.1"), 'version: got "0.0.1"'),
+    (plan(count="1"), 'count: got "1"; must be of type int'),
+    (plan(varied={"arm.nodes": "5:200004:200000"}), "--batch: makes 200000 batches, a file each"),
+    (plan(varied={"arm.length": 3}), "varied.arm.length: got 3; must be a list of values"),
+    (plan(varied={"arm.length": []}), r"varied.arm.length: got \[\]; must be a list of values"),
+    (batch(), "over: missing, like seeds. Pass at least one of them."),
+    (batch([YOUNG]), r"over: got \["),
+    (batch({YOUNG: 1e6}), f"over: {YOUNG}: got 1000000.0; must be a list"),
+    (batch({YOUNG: []}), f"over: {YOUNG}: got no values; must have at least one"),
+    (batch({YOUNG: [1e6, -1.0]}), f"over: entry 1, {YOUNG}: got -1.0; must be a number"),
+    (
+        batch({YOUNG: [1e6, 2e6], "seed": [1]}),
+        "over: got 2 values of .*; must have as many of each",
+    ),
+    (batch({"arm.nodes": [5, 7]}), f"over: entry 1, arm.nodes: got 7 after 5, {PROGRAM}"),
+    (batch({"control.kind": ["pid", "none"]}), f'over: .*: got "none" after "pid", {PROGRAM}'),
+    (batch({"simulation.duration": [0.1, 0.2]}), "over: .*: got 0.2 after 0.1, .* the saved"),
+    (batch(seeds=0), "seeds: got 0; must be a number of at least 1, or a list of seeds"),
+    (batch(seeds=True), "seeds: got true; must be a number of at least 1"),
+    (batch(seeds=[1, -1]), "seeds: entry 1, seed: got -1; must be a whole number"),
+    (batch({"seed": [1]}, 2), 'seeds: excludes over."seed".'),
+]
+
+
+@pytest.mark.parametrize(("call", "line"), MISTAKES, ids=[line for _, line in MISTAKES])
+def test_a_mistake_in_python_is_one_line(call, line):
+    assert re.match(line, mistake(call))
+
+
+@pytest.mark.parametrize(
+    ("vary", "text", "line"),
+    [
+        ("arm.length=0.5,1.0 water.density=1000,1025", "", "needs one key"),
+        ("flow.0.velocity.0=0.1,0.2", "0.1,few\n", "must have numbers in columns"),
+        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.2,0.4\n", "add up to 0.8"),
+        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.5,0.6\n", "60.00% of the time is far from 0.1"),
+        ("control.kind=pid,lqg", "0.1,1.0\n", "control.kind has values that are no speeds"),
+    ],
+)
+def test_weights_that_do_not_fit_are_one_line(tmp_path, vary, text, line):
+    file = tmp_path / "histogram.csv"
+    file.write_text("speed (m/s),share of time\n" + text)
+    found = mistake(shares_of_time, SweepDesign.of(ARM, vary.split()), file)
+    assert re.match(f"--weights: .*{line}", found)
+
+
+COMMANDS = {
+    "sweep --vary arm.length=0.5:-0.5:2": "arm.length: got -0.5; must be a number above 0",
+    "sweep --vary arm.nodes=5:8:3": "arm.nodes: got 5.0; must be a whole number",
+    "sweep --workers 0": "--workers: got 0",
+    "sweep --workers 2 --scheduler tcp://far:1": "--workers: excludes --scheduler",
+    "sweep --dry-run --resume": "--dry-run: excludes --resume",
+    "compare --controllers none,custom": '--controllers: got "custom"; must be "none"',
+    "compare --controllers pid,pid": '--controllers: got "pid" twice',
+    "compare --seeds 0": "--seeds: got 0; must be at least 1",
+    "compare --first-seed -1": "--first-seed: got -1; must be at least 0",
+    "compare --set vary={'arm.length'=[0.5,0.6]}": "vary: a comparison is of one case",
+}
+
+
+@pytest.mark.parametrize("call", COMMANDS)
+def test_a_mistake_in_a_command_is_one_line_and_nothing_is_written(tmp_path, monkeypatch, call):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(ARM.to_toml())
+    command, *options = call.split()
+    assert COMMANDS[call] in refused(command, "arm.toml", *options)
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.toml"]
+
+
+def test_a_comparison_of_others_is_neither_replaced_nor_drawn(tmp_path):
+    file, arm = tmp_path / "compare.nc", tmp_path / "arm.toml"
+    arm.write_text(ARM.to_toml())
+    file.write_text("theirs")
+    assert "compare.nc was not written by crinoid" in refused("compare", arm, "--out", tmp_path)
+    assert file.read_text() == "theirs"
+    file.unlink()
+    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(file)
+    with pytest.raises(ReportError, match="it has no rms_error"):
+        write_report(file)
