@@ -16,7 +16,7 @@ from crinoid.numerics.signals_and_systems import integral_time, spectrum, von_ka
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, builtin_names, library, load
 from helpers.command import refused, succeeded
-from helpers.figures import assert_shows_something, quick_and_slow
+from helpers.figures import assert_shows_something, quick_and_release
 from helpers.made_results import Player
 from helpers.paths import ROOT
 from helpers.scripts import load_script
@@ -173,7 +173,7 @@ def test_eddies_that_nothing_carries_past_have_no_spectrum_to_compare(start):
     assert np.isfinite(found["flow_spectrum"]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_spatial_current_is_sampled_along_three_axes():
     mean, travel = np.array([0.3, 0.2, -0.1]), np.deg2rad(70)
     waves = {"kind": "waves", "significant_height": 1.0, "peak_period": 4.0, "direction_deg": 70.0}
@@ -241,7 +241,7 @@ def write(folder, kind, extra=""):
     (folder / "mine.toml").write_text(text + (f"[[flow]]\n{KINDS[kind]}\n" if kind else ""))
 
 
-@pytest.mark.parametrize("kind", quick_and_slow(KINDS, quick=1))
+@pytest.mark.parametrize("kind", quick_and_release(KINDS, quick=1))
 def test_every_kind_of_current_is_drawn_and_summed_up(here, kind):
     write(here, kind)
     assert "mean velocity" in succeeded("flow", "mine.toml")

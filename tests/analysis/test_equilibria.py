@@ -81,7 +81,7 @@ def test_a_tendon_with_friction_bends_the_arm_more_on_the_way_back():
     assert (found["status"] == "ok").all()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_that_buckled_follows_the_elastica_and_straightens_again():
     critical, found = pushed()
     turn = found["tip_turn"].values[0]
@@ -93,7 +93,7 @@ def test_an_arm_that_buckled_follows_the_elastica_and_straightens_again():
     np.testing.assert_allclose(load, exact, rtol=5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_snaps_at_the_same_load_from_either_side():
     critical, _ = pushed()
     column = COLUMN.with_values({"load.0.force.0": -1.3 * critical})
@@ -105,7 +105,7 @@ def test_an_arm_snaps_at_the_same_load_from_either_side():
     np.testing.assert_allclose(forward[[0, -1]], backward[[0, -1]], atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_in_space_the_turn_is_an_angle_between_tangents():
     chamber = CHAMBER | {"angle_deg": 30.0}
     spatial = BELLOWS.with_values({"arm.dimension": 3, "base.position": [0.0, 0.0, -10.0]})
@@ -117,7 +117,7 @@ def test_in_space_the_turn_is_an_angle_between_tangents():
     np.testing.assert_allclose(found["tip_turn"][0], curvature * LENGTH, rtol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_values_of_another_structure_start_from_the_arm_without_load():
     found = crinoid.equilibria(COLUMN, "arm.nodes=5,21")
     assert found.sizes["branch"] == 1

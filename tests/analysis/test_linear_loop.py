@@ -121,7 +121,7 @@ def test_fewer_frequencies_keep_those_near_a_resonance():
     np.testing.assert_array_equal(few.response[0, :, 0, 0], few.frequency)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("share", "grows"), [(0.7, False), (1.2, True)])
 def test_a_loop_swings_by_itself_beyond_its_delay_margin_and_not_below(
     prepared, setup, linear, share, grows
@@ -273,7 +273,7 @@ def in_water(prepared, gains, *flow):
 CALM = {"kind": "uniform", "velocity": [0.0, 0.0]}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_swell_that_passes_through_still_water_is_judged_there_as_well(prepared):
     cases = ((MEAN,), (CALM,), (MEAN, SWELL))
     steady, still, both = (linear_loop(in_water(prepared, 0.3, *flow)) for flow in cases)
@@ -289,7 +289,7 @@ def test_a_swell_that_passes_through_still_water_is_judged_there_as_well(prepare
     assert quick.margin().modulus == pytest.approx(still.modulus, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_loop_that_only_the_mean_current_damps_is_unstable(prepared, written):
     assert linear_loop(in_water(prepared, 1.0, MEAN)).open.margin().stable
     calm, both = (in_water(prepared, 1.0, *flow) for flow in ((CALM,), (MEAN, SWELL)))
@@ -303,7 +303,7 @@ def test_a_loop_that_only_the_mean_current_damps_is_unstable(prepared, written):
     assert "unstable in still water: small motions grow near 0.279 Hz" in output
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_search_keeps_its_margin_in_the_worse_water(prepared):
     def excess(gains, asked):
         own = in_water(prepared, gains, MEAN, SWELL)

@@ -334,7 +334,7 @@ def test_crinoid_linearise_prints_saves_and_draws(model, tmp_path, monkeypatch):
     assert "--order: got 0; must be 1 to" in refused(*arguments, "--order", "0")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_in_space_with_vortices_has_names_for_all_states():
     # vortices have a memory, the model has none
     quick = ["arm.nodes=5", 'simulation.start="rest"', 'control.kind="none"']

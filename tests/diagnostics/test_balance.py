@@ -49,7 +49,7 @@ def test_a_run_whose_energy_comes_from_nowhere_has_failed(time_step, integrator,
     assert float(result.dataset["time"][-1]) == pytest.approx(10.0)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_a_message_says_to_try_helps():
     result = swing(0.004)
     assert result.status == "ok"

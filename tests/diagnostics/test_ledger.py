@@ -156,7 +156,7 @@ def test_an_arm_stiffer_than_the_steps_is_judged_by_what_a_step_resolves(rigid):
     assert "do not resolve" not in run.attrs["notes"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_vibrations_that_steps_do_not_resolve_are_noted_with_the_remedy(rigid):
     run = rigid["newmark"]
     assert off(run) > 0.3

@@ -63,7 +63,9 @@ def assert_drawn(run, folder: Path, *draws):
         assert_shows_something(folder / "figure.png")
 
 
-def quick_and_slow(names: Iterable[str], *, quick: int):
-    """Return names to parametrize a test by: those after the first few are slow."""
-    slow = pytest.mark.slow
-    return [name if k < quick else pytest.param(name, marks=slow) for k, name in enumerate(names)]
+def quick_and_release(names: Iterable[str], *, quick: int):
+    """Return names to parametrize a test by: those after the first few wait for a release."""
+    return [
+        name if k < quick else pytest.param(name, marks=pytest.mark.release)
+        for k, name in enumerate(names)
+    ]

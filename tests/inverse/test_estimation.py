@@ -77,7 +77,7 @@ def test_a_log_gives_the_estimate_of_the_controller(run, found):
         assert (apart <= 0.2 * std + 1e-9).all()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_innovations_are_as_large_as_expected(found):
     new = np.isfinite(found["innovation"].values)
     assert new[5:].all()  # all of them arrive at each call
@@ -88,7 +88,7 @@ def test_innovations_are_as_large_as_expected(found):
     assert 0.7 < found.attrs["mean_square"] < high
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_measured_states_of_actuators_do_as_well_as_commands(run, found, table, tmp_path):
     table.to_csv(tmp_path / "log.csv", index=False)
     other = crinoid.estimate(HELD, tmp_path / "log.csv")
@@ -118,7 +118,7 @@ def test_a_gap_widens_the_band_and_a_lost_column_as_well(run, table, found, tmp_
     assert (error < 3 * std)[time > 1.0].all()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_readings_of_one_sensor_other_than_the_tip_will_do(table, tmp_path):
     names = [name for name in table if "(mm)" not in name and "z" not in name]
     table[[name for name in names if name != "angle (rad)"]].to_csv(tmp_path / "log.csv")
@@ -128,7 +128,7 @@ def test_readings_of_one_sensor_other_than_the_tip_will_do(table, tmp_path):
     assert data.attrs["readings_used"] > 250
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_without_inputs_is_observed_too(tmp_path):
     still = HELD.with_values(
         {"base": {"tilt_deg": 90.0}, "control": {"kind": "none"}, "simulation.duration": 2.0}

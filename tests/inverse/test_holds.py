@@ -117,7 +117,7 @@ def test_markers_on_a_circle(axes):
         np.testing.assert_allclose(place[:axes], expected, atol=1e-3 * LENGTH / 21)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_standard_errors_agree_with_the_scatter_over_seeds(clean):
     # with little noise, as standard errors are those of a linear model
     found, errors = [], []
@@ -152,7 +152,7 @@ def test_slopes_of_holds_are_those_of_central_differences(keys):
         np.testing.assert_allclose(slope[..., number], between, atol=1e-5 * scale)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_experiments_are_fitted_together():
     # holds have the stiffness, a motion at another tilt the relaxation
     keys = ("arm.youngs_modulus", "arm.relaxation.0.ratio", "arm.relaxation.0.time")
@@ -243,7 +243,7 @@ def test_a_motion_of_markers_is_read(folder):
     np.testing.assert_allclose(given, [0.0, 0.2, 0.5])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_command_finds_the_numbers_of_holds_within_three_standard_errors(clean, folder):
     record, rows = noisy(clean, 5), []
     (folder / "arm.toml").write_text(HELD.to_toml())

@@ -166,7 +166,7 @@ def test_a_clean_record_has_the_answer_of_least_squares(clean):
     assert np.abs(step / errors).max() < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_motion_that_the_model_lacks_widens_the_errors(record, clean):
     plain, narrow = clean
     slow = 2e-3 * np.sin(7.0 * record.time)[:, None] * np.array([1.0, 1.0, 5.0])
@@ -192,7 +192,7 @@ def lost(record, kind):
     return values, np.sort(rows)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("kind", ["stretch", "stuck", "outliers"])  # zeros: by the command
 def test_lost_markers_are_set_aside_and_do_not_steer(record, kind):
     values, rows = lost(record, kind)
@@ -203,7 +203,7 @@ def test_lost_markers_are_set_aside_and_do_not_steer(record, kind):
     np.testing.assert_allclose(search.weights[0].scatter, NOISE, rtol=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_errors_stay_honest_over_many_draws_of_lost_markers(record):
     experiment = Experiment(SHAKEN, Unknowns(SHAKEN, KEYS), record)
     path = experiment.compare(experiment.motion(np.zeros(2))).computed
@@ -249,7 +249,7 @@ def test_a_record_without_a_likely_cause_is_refused(record):
         searched(record, values, {})
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_record_within_reach_that_fits_another_way_is_noted(record):
     shallow = SHAKEN.with_values({"base.position": [0.0, -0.1]})
     down = record.values * [1, -1, 1] - [0.0, 9.9, 0.0]
@@ -291,7 +291,7 @@ def test_readings_of_a_result_count_from_when_they_were_taken(tmp_path):
     np.testing.assert_allclose(record.values[:, 2], data["tip_angle"], atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_recorded_commands_move_the_arm_as_they_did(tmp_path):
     pid = {"kind": "pid", "controlled": ["angle"], "pid": {"tilt": {"kp": 0.2, "ki": 1.0}}}
     held = SHAKEN.with_values({"control": pid | {"compare": False}})

@@ -125,7 +125,7 @@ def test_derivatives_are_those_of_differences_of_runs(over, rest):
         assert np.abs(slope - difference).max() < size, name
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_without_derivatives_a_population_evolves():
     over = ("control.pid.slide.ki=0.1:4", "arm.damping_time=0.01:0.2")
     search = search_of(LOOP, over, "rms_error", ["work<1"], trials=48, seeds=2)

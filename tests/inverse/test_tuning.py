@@ -68,7 +68,14 @@ def search(folder):
 
 # the horizon of a predictive controller compiles slowly
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "h"), [("pid", 1e-3), ("lqg", 3e-4), ("mpc", 3e-4)])
+@pytest.mark.parametrize(
+    ("kind", "h"),
+    [
+        ("pid", 1e-3),
+        pytest.param("lqg", 3e-4, marks=pytest.mark.release),
+        pytest.param("mpc", 3e-4, marks=pytest.mark.release),
+    ],
+)
 def test_the_slope_of_the_cost_is_that_of_central_differences(search, kind, h):
     tuning = search
     if kind != "pid":
@@ -286,7 +293,7 @@ def test_the_margins_are_those_of_the_linear_loop(folder, data):
     assert np.nanmin(data["modulus"]) < MARGIN
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_tuning_gains_in_draws_other_than_its_own(data):
     assert float(data["after"].mean()) < 0.9 * float(data["before"].mean())
     assert float(data["after_error"].mean()) < float(data["before_error"].mean())

@@ -98,6 +98,7 @@ def test_random_and_uncertain_numbers_are_drawn():
     assert draws["sensor.delay"] == pytest.approx((0.01, 0.03))
 
 
+@pytest.mark.release
 def test_training_improves_on_its_teacher(finished):
     training, _ = finished
     first = training.rows[0]
@@ -109,6 +110,7 @@ def test_training_improves_on_its_teacher(finished):
     assert training._optimisers.updates == HOW.updates  # the rate decays over all of them
 
 
+@pytest.mark.release
 def test_a_resumed_training_gives_the_same_weights(finished, fresh):
     whole, half = finished
     fresh.restore(half)
@@ -118,6 +120,7 @@ def test_a_resumed_training_gives_the_same_weights(finished, fresh):
     assert fresh.rows == whole.rows
 
 
+@pytest.mark.release
 def test_another_training_and_damaged_checkpoints_are_not_resumed(
     finished, fresh, tmp_path, monkeypatch
 ):
@@ -306,7 +309,14 @@ def test_scenario_that_the_policy_has_not_met_gets_a_note(file, values, words):
     assert not words or re.search(words, found[0])
 
 
-@pytest.mark.parametrize("name", ["station-keeping", "station-keeping-3d", "reach-under-load"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "station-keeping",
+        pytest.param("station-keeping-3d", marks=pytest.mark.release),
+        pytest.param("reach-under-load", marks=pytest.mark.release),
+    ],
+)
 def test_built_in_policies_fit_their_scenarios(name):
     calm = {"simulation.start": "rest"}
     calm |= {"water.vortices.model": "none"} if name == "station-keeping-3d" else {}
@@ -316,6 +326,7 @@ def test_built_in_policies_fit_their_scenarios(name):
     assert isinstance(loop.controller, Neural)
 
 
+@pytest.mark.release
 def test_the_built_in_policy_beats_the_pid():
     # upright, the arm has the same shape with its weight and without
     plain = {"control.compare": False, "simulation.start": "rest"}

@@ -83,7 +83,7 @@ def test_a_failed_run_is_reported_and_masked_after_its_end(batch):
     assert batch["newton_iterations"].dtype == float
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_runs_together_as_on_an_accelerator_are_those_in_threads(batch, monkeypatch):
     monkeypatch.setattr(crinoid.studies.batch, "run_batch", partial(run_batch, together=True))
     together = crinoid.simulate_batch(SCENARIO, OVER, [3, 4], records=True)
@@ -112,7 +112,7 @@ class Elsewhere(Controller):
         return jax.pure_callback(grows, shape, seen.time), memory
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_controllers_that_cannot_be_batched_run_in_threads(monkeypatch):
     monkeypatch.setattr(setup, "build_controller", lambda plan, parts: Elsewhere())
     case = SCENARIO.with_values({"control.kind": "none", "simulation.duration": 0.1})

@@ -59,7 +59,7 @@ def under(compared: xr.Dataset, kind: str) -> Scenario:
     return Scenario.from_toml(compared["controller_scenario"].sel(controller=kind).item())
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_each_run_is_that_of_crinoid_run_to_the_bit(compared):
     assert compared["seed"].values.tolist() == [4, 5, 6]
     assert (compared["status"] == "ok").all()
@@ -125,7 +125,7 @@ def test_ctrl_c_saves_the_runs_that_are_complete(folder, tmp_path, monkeypatch):
     assert f"interrupted: {complete} of 4 runs are complete and saved" in ended.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_shipped_gains_leave_a_margin_and_are_no_smaller_than_they_need_be(compared):
     case = under(compared, "pid")
     gains = {name: given.ki for name, given in case.control.pid.present.items()}
@@ -174,6 +174,7 @@ def test_each_call_that_is_timed_follows_the_one_before(setup):
     np.testing.assert_allclose(total, [0.0, 1e-6 * 99 * 100 / 2, 1e-6 * late], rtol=1e-9)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("takes", [3e-7, 2e-4, 0.2])
 def test_the_time_of_a_tick_is_that_of_one_call(monkeypatch, setup, takes):
     timed = []
@@ -254,6 +255,7 @@ def test_the_figure_is_drawn_again_and_for_failed_runs(folder, tmp_path):
         assert_shows_something(written)
 
 
+@pytest.mark.release
 def test_a_hybrid_gets_inclinations_where_a_scenario_has_none():
     values = {"base.tilt_deg": 90.0, "base.channels.slide": {}, "arm.nodes": 6}
     own = SCENARIO.with_values(values)

@@ -162,7 +162,7 @@ def test_means_over_the_seeds_are_in_a_file(clean):
     assert {row["measure"] for row in rows} > {"max_base_force", "max_strain"}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_other_workers_and_batches_give_the_same_study(arm, clean, tmp_path):
     crew = Here(3)
     swept(arm, tmp_path / "other", "--batch", "1", crew=crew)
@@ -235,7 +235,7 @@ def test_a_batch_is_tried_again_and_fails_in_the_end(arm, clean, tmp_path):
     xr.testing.assert_identical(data["rms_error"][:4], study(clean)["rms_error"][:4])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_batch_that_hangs_is_given_to_another_worker(arm, clean, tmp_path, monkeypatch):
     monkeypatch.setattr(engine, "_LEAST", 0.0)
     crew = Here(spoil=lambda given: "hangs" if given == 2 else None)
@@ -299,7 +299,7 @@ def test_a_killed_sweep_is_resumed(arm, clean, tmp_path):
     assert not [path for path in out.rglob("*") if path.name.endswith(".unfinished")]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_workers_of_dask_that_die_are_replaced(clean, tmp_path):
     plan, store = SweepStore(clean).read_plan(), SweepStore(tmp_path)
     store.start(plan)

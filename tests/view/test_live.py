@@ -101,8 +101,12 @@ def assert_runs_alike(result: Result, *names: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "more"),
-    [({}, ""), ({"simulation.start": "rest"}, CHAMBER)],
-    ids=["no chamber", "a chamber"],
+    [
+        pytest.param({}, "", id="no chamber"),
+        pytest.param(
+            {"simulation.start": "rest"}, CHAMBER, id="a chamber", marks=pytest.mark.release
+        ),
+    ],
 )
 def test_a_session_needs_the_program_that_was_compiled_ahead(tmp_path, monkeypatch, values, more):
     given = []
@@ -175,7 +179,7 @@ def test_no_current_is_still_water(session):
     assert not result.dataset["flow_velocity"].values.any()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_turbulence_continues_where_a_knob_turns(session):
     session.advance(60)
     now, place = session.state.state.time, jnp.asarray(session.scenario.base.position)
@@ -301,7 +305,7 @@ def test_a_path_is_dragged_as_a_whole():
     np.testing.assert_allclose(dragged(jnp.asarray(3.0)), [0.4, -0.3, 0.0], atol=1e-15)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_another_controller_takes_over(session):
     session.advance(40)
     commands = np.asarray(session.state.command)
@@ -417,7 +421,7 @@ def test_props_suit_the_scenario_and_a_session_ends_with_its_tables(session, mon
     assert session.halted.startswith("over at t = 0.2 s")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_in_space_is_hit_pulled_and_recorded():
     scenario = Scenario(
         arm={"dimension": 3, "nodes": 4, "youngs_modulus": 5e5},

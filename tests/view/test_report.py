@@ -22,7 +22,7 @@ from helpers.figures import (
     assert_is_a_page,
     assert_report,
     assert_shows_something,
-    quick_and_slow,
+    quick_and_release,
 )
 from helpers.planar_result import among_obstacles, swaying_arm
 from helpers.studies import save, study_row, write_study
@@ -59,7 +59,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=1))
+@pytest.mark.parametrize("name", quick_and_release(ODD, quick=1))
 def test_odd_runs_are_drawn(name, tmp_path):
     save(few(**ODD[name]), tmp_path / "result.nc")
     assert_report(tmp_path)

@@ -18,7 +18,7 @@ from crinoid.view.scene.clip import obstacle_facets
 from crinoid.view.scene.data import find_obstacles
 from crinoid.view.scene.mount import base_directions
 from crinoid.view.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE, perspective
-from helpers.figures import assert_drawn, assert_report, quick_and_slow
+from helpers.figures import assert_drawn, assert_report, quick_and_release
 from helpers.spatial_result import HIGH, LOW, among_obstacles, among_solids, curling_arm, frame
 from helpers.studies import save
 
@@ -37,7 +37,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=1))
+@pytest.mark.parametrize("name", quick_and_release(ODD, quick=1))
 def test_odd_runs_are_drawn(name, tmp_path):
     run = Run(curling_arm(**{"records": 7} | ODD[name]))
     charts = [lambda run, of=of: draw_chart(of(run), run) for of in (tip_chart, drive_chart)]
