@@ -137,6 +137,21 @@ def test_scrubbing_turning_and_colours_change_the_picture(shown):
     assert shown.complaints == []
 
 
+def test_a_base_that_travels_far_is_followed(browser, tmp_path):
+    data = swaying_arm()
+    for name in ("position", "tip_position", "tip_target"):
+        data[name] = data[name] + data["time"] * (data["axis"] == "x") * 0.5
+        data[name] = data[name].transpose("time", ..., "axis")
+    with Shown(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
+        assert opened.ask("() => crinoid.scene.follow") == "root"
+        away = "() => crinoid.scene.camera.centre[0] - crinoid.scene.members[0].now.root[0]"
+        before, half = opened.ask(away), opened.ask("() => crinoid.scene.camera.half")
+        assert half < 1.0  # m: all of the way is 10 m
+        opened.ask("() => crinoid.go(19)")
+        assert opened.ask(away) == pytest.approx(before, abs=1e-3)
+        assert opened.complaints == []
+
+
 def test_one_instant_does_not_play_and_a_hostile_title_does_nothing(browser, tmp_path):
     data = swaying_arm(records=1, duration=0.0).assign_attrs(title=HOSTILE, notes=HOSTILE)
     with Shown(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
