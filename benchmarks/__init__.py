@@ -1,4 +1,4 @@
 """Benchmarks: times of steps, runs and commands, next to other programs.
 
-May import ``learning`` and lower folders.
+May import all of crinoid, and ``validation``.
 """

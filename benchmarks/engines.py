@@ -59,7 +59,7 @@ PEERS = {
     "dismech_newton": Engine(
         "DiSMech-Newton",
         (IN_THE_PLANE.name, IN_SPACE.name),
-        "water; it computes in single precision, and counts iterations in place of judging them",
+        "water; single precision, and a fixed number of iterations without a test of convergence",
         order=2,
         meshes=_FINE,
         steps=(0.02, 0.0025),

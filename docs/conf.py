@@ -47,7 +47,7 @@ nb_execution_mode = "cache"
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
-# only a kernel that runs names the language of the cells
+# without execution MyST-NB does not know the language of the cells
 suppress_warnings = ["myst-nb.lexer"]
 nb_merge_streams = True
 # outputs arrive in chunks, which MyST-NB alone joins by line breaks

@@ -50,10 +50,7 @@ def lines(text: str) -> list[str]:
         joined = MISTAKE.sub("", block).replace("\\\n", " ")
         shown = re.findall(r"^\$ (.*)$", joined, re.M)  # with its output
         for line in shown or joined.splitlines():
-            runs = re.match(
-                r"(\.venv/bin/)?crinoid |(\w+=\S+ )?python (docs|examples|-m v|-m b)", line
-            )
-            if runs and not LEFT_OUT.search(line):
+            if RUN.match(line) and not LEFT_OUT.search(line):
                 found.append(line.replace(".venv/bin/", ""))
     return list(dict.fromkeys(found))
 

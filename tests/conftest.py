@@ -1,5 +1,6 @@
 """Settings of every test: which run, compiled code kept between runs, shapes checked."""
 
+import argparse
 import ctypes
 import gc
 import json
@@ -66,7 +67,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--keep-costs", action="store_true", help=f"write them into {COSTS.relative_to(ROOT)}"
     )
     parser.addoption(
-        "--shard", metavar="K/N", default="1/1", help="run part K of N of the files only"
+        "--shard",
+        metavar="K/N",
+        type=_shard,
+        default=(1, 1),
+        help="run part K of N of the files only",
     )
     parser.addoption(
         "--fuzz",
@@ -77,19 +82,32 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def _shard(text: str) -> tuple[int, int]:
+    """Return the number of a part and that of all parts."""
+    number, _, count = text.partition("/")
+    if number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count):
+        return int(number), int(count)
+    raise argparse.ArgumentTypeError(f"got {text}; must be K/N with 1 <= K <= N, such as 1/3")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Check shapes at run time, of what is imported from here on."""
     from jaxtyping import install_import_hook
 
-    shaped = "crinoid" if _highest(config) else _SHAPED
+    if config.getoption("keep_costs") and not config.getoption("costs"):
+        raise pytest.UsageError("--keep-costs: needs --costs SLOWNESS")
+    every = config.getoption("all") or config.getoption("release")
+    shaped = ["crinoid", "validation", "benchmarks"] if every else _SHAPED
     install_import_hook(shaped, "beartype.beartype")
     # as crinoid's own programs do: tracing makes many objects and leaves hardly any garbage
     gc.set_threshold(50_000)
 
 
 def _highest(config: pytest.Config) -> int:
-    """Return the number of the highest tier that is run."""
-    return 2 if config.getoption("release") else int(config.getoption("all"))
+    """Return the number of the highest tier that is run: any for tests named or chosen by marks."""
+    if config.getoption("release") or any("::" in each for each in config.args):
+        return 2
+    return 1 if config.getoption("all") else 2 * bool(config.getoption("markexpr"))
 
 
 def _tier(item: pytest.Item) -> int:
@@ -103,24 +121,29 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     A file is the work of one worker: so that all of them end at about one time.
     """
-    highest = 2 if any("::" in each for each in config.args) else _highest(config)
+    highest = _highest(config)
     costs = _costs(item for item in items if _tier(item) <= highest)
-    number, count = map(int, config.getoption("shard").split("/"))
-    shares = [Counter[Path]() for _ in range(count)]
+    number, count = config.getoption("shard")
+    shares = [Counter[str]() for _ in range(count)]
     for path, cost in costs.most_common():
         min(shares, key=lambda share: share.total())[path] = cost
     own = shares[number - 1]
-    kept = [item for item in items if _tier(item) <= highest and item.path in own]
+    kept = [item for item in items if _tier(item) <= highest and _file(item) in own]
     config.hook.pytest_deselected(items=list(set(items) - set(kept)))
-    items[:] = sorted(kept, key=lambda item: -own[item.path])
+    items[:] = sorted(kept, key=lambda item: -own[_file(item)])
 
 
-def _costs(items: Iterable[pytest.Item]) -> Counter[Path]:
+def _file(test: pytest.Item | pytest.TestReport) -> str:
+    """Return the path of a test's file from the root."""
+    return test.nodeid.partition("::")[0]
+
+
+def _costs(items: Iterable[pytest.Item]) -> Counter[str]:
     """Return the CPU time of the files of some tests (s), a guess for new ones."""
     known = json.loads(COSTS.read_text("utf-8"))
-    found = Counter[Path]()
-    for path, tier in sorted({(item.path, TIERS[_tier(item)]) for item in items}):
-        found[path] += known.get(path.relative_to(ROOT).as_posix(), {}).get(tier, 10.0)
+    found = Counter[str]()
+    for path, tier in sorted({(_file(item), TIERS[_tier(item)]) for item in items}):
+        found[path] += known.get(path, {}).get(tier, 10.0)
     return found
 
 
@@ -136,7 +159,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
-    """Fail a test that passes, but takes more CPU time than its mark says."""
+    """Fail a test that passes, but needs more CPU time than its tier allows."""
     report = yield
     if report.when == "call" and (slowness := item.config.getoption("costs")):
         tier = TIERS[_tier(item)]
@@ -157,14 +180,18 @@ def pytest_terminal_summary(
     """List the costs of each file, and keep them if asked."""
     if not (slowness := config.getoption("costs")):
         return
-    spent = Counter[tuple[str, str]]()
+    spent, single = Counter[tuple[str, str]](), Counter[str]()
     for reports in terminalreporter.stats.values():
         for report in reports:
             if isinstance(report, pytest.TestReport) and (known := dict(report.user_properties)):
-                spent[report.nodeid.partition("::")[0], known["tier"]] += known["cpu"]
+                spent[_file(report), known["tier"]] += known["cpu"]
+                single[report.nodeid] = known["cpu"]
     terminalreporter.section("CPU time of each file")
     for (name, tier), seconds in spent.most_common():
         terminalreporter.write_line(f"{seconds:7.1f} s {name} ({tier})")
+    terminalreporter.section("The costliest tests")
+    for name, seconds in single.most_common(50):
+        terminalreporter.write_line(f"{seconds:7.1f} s {name}")
     if config.getoption("keep_costs"):
         known = json.loads(COSTS.read_text("utf-8"))
         for (name, tier), seconds in spent.items():

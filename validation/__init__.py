@@ -1,4 +1,4 @@
 """Validation: cases with a known answer, which crinoid computes and compares.
 
-May import ``learning`` and lower folders.
+May import all of crinoid.
 """

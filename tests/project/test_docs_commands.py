@@ -58,7 +58,7 @@ def parts(line):
         program, *arguments = words[start + 1 : end]
         if program.endswith("crinoid"):
             yield arguments
-        elif program == "python" and arguments[1] in OTHERS:
+        elif program == "python" and arguments[:1] == ["-m"]:
             yield arguments[1:]
 
 
@@ -77,6 +77,7 @@ def check(words):
     if words == ["--version"] or words[0].startswith("--"):
         return
     command = OTHERS.get(words[0]) or group().commands[words[0]]
+    assert not command.hidden
     context = command.make_context(words[0], list(words[1:]))
     chosen(all_cases(), context.params.get("cases") or (), every=False, peers=False)
     name = context.params.get("scenario")

@@ -1,4 +1,4 @@
 """The same arm in other programs: each lets it go from rest.
 
-May import ``scenario`` and lower folders.
+May import ``crinoid.scenario``.
 """

@@ -22,7 +22,7 @@ def prepare(
 ) -> Swing:
     """Return a run by the implicit midpoint rule, with so many Newton iterations a step.
 
-    It counts iterations in place of judging them: fewer fail without a word at long steps.
+    It does not test whether they converge: with fewer, long steps are wrong without a message.
     """
     arm = scenario.arm
     _, vertices, frames = rod_at_rest(scenario)
