@@ -143,6 +143,7 @@ def test_a_current_is_sampled_where_the_arm_is():
     assert "model_spectrum" not in dataset  # nothing random in it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", [{"exponent": 0.2}, {"roughness_length": 0.01}])
 def test_an_arm_may_be_held_at_the_bed_where_no_current_is(profile):
     shear = {"kind": "shear", "velocity": [0.2, 0.0], "reference_depth": 5.0}
@@ -305,6 +306,7 @@ def test_notes_are_kept_and_a_run_is_resumed_from_elsewhere(here, monkeypatch):
     assert refused(*resumed).startswith(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("most", "readings"), [(10**9, 2), (0, 4)])
 def test_cases_are_run_with_the_records_of_their_checks_as_far_as_these_fit(
     here, monkeypatch, most, readings

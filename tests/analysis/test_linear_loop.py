@@ -205,6 +205,7 @@ def test_a_loop_of_any_controller_grows_as_its_pole_says(prepared):
     np.testing.assert_allclose(fitted, [2 * z.real, -(np.abs(z) ** 2)], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_an_input_at_the_end_of_its_range_is_modelled_as_any_other(prepared):
     def gains(*limits):
         values = {"control.kind": "lqg", "base.channels.tilt.range_deg": limits}

@@ -187,6 +187,7 @@ def model():
     return crinoid.linearise(LOOP)
 
 
+@pytest.mark.slow
 def test_names_units_and_the_operating_point(model):
     assert model.inputs[:3] == ("command_slide", "command_tilt", "current_x")
     assert model.input_units == ("m", "rad", "m s-1", "m s-1", "m s-2", "m s-2")

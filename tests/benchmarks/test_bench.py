@@ -46,6 +46,7 @@ def test_values_are_summed_up_over_repeats_that_run_in_turn():
     assert row("x", "time", "s", [3.0, 1.0, 2.0], nodes=5)[3:6] == (2.0, 1.0, 3.0)
 
 
+@pytest.mark.slow
 def test_a_command_writes_rows_conditions_and_a_figure(tmp_path):
     folder = tmp_path / "bench"
     assert run_benchmarks(["start"], folder, peers=False, force=False, scope=TINY) == ""
@@ -75,6 +76,7 @@ def test_what_is_done_is_kept_after_an_interruption(tmp_path, monkeypatch):
     assert [each["name"] for each in found["benchmarks"]["step"]["rows"]] == ["first"]
 
 
+@pytest.mark.slow
 def test_a_failure_is_reported_and_the_others_run(tmp_path, monkeypatch):
     def failing(scope):
         yield row("first", "time", "s", [1.0])

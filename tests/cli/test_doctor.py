@@ -2,12 +2,15 @@
 
 import shutil
 
+import pytest
+
 import crinoid
 from crinoid.cli import doctor
 from crinoid.foundation import version
 from helpers.command import call, succeeded
 
 
+@pytest.mark.slow
 def test_a_sound_installation_names_its_versions_and_solves_the_known_case():
     own, _ = succeeded("--version").splitlines()
     assert own == f"crinoid {crinoid.__version__}"

@@ -286,6 +286,7 @@ def test_a_folder_that_cannot_be_written_to_is_done_without(tmp_path):
         assert not store.holds(KEY)
 
 
+@pytest.mark.slow
 def test_processes_at_once_compile_a_program_once_and_agree(tmp_path):
     code = (
         "import crinoid, numpy as np\n"

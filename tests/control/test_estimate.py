@@ -71,6 +71,7 @@ def test_covariance_is_that_of_the_errors_of_a_linear_arm():
         np.testing.assert_allclose(errors[:, ~moves], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_result_has_tip_shape_and_current_with_standard_deviations(held):
     data = held.dataset
     assert {str(name) for name in data.data_vars if str(name).startswith("estimated")} == VARIABLES
@@ -101,6 +102,7 @@ def errors_of(data):
     return found
 
 
+@pytest.mark.slow
 def test_the_estimate_is_better_than_a_reading_and_its_band_contains_the_truth(held):
     (tip, tip_std), (current, current_std) = errors_of(held.dataset)
     assert np.sqrt(np.mean(tip**2)) < 0.8 * NOISE
@@ -109,6 +111,7 @@ def test_the_estimate_is_better_than_a_reading_and_its_band_contains_the_truth(h
     assert np.mean(np.abs(current) < 2 * current_std) > 0.8
 
 
+@pytest.mark.slow
 def test_without_an_observer_a_record_has_no_estimate(held):
     assert "estimate_time" not in held.uncontrolled.dataset
     plain = HELD.with_values({"control": {"kind": "none"}})

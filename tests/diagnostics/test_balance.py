@@ -57,6 +57,7 @@ def test_what_a_message_says_to_try_helps():
     assert float(result.dataset["step_error"].max()) < 1e-3 * 0.22
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_is_judged_as_a_whole():
     begun = swing(0.02, duration=1.0)
     assert begun.status == "ok"

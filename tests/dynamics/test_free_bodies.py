@@ -98,8 +98,9 @@ def slope_motion(system, states, down):
     return speed, -spin[:, 0] if down.size == 2 else spin[:, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "axes", [2, pytest.param(3, marks=pytest.mark.slow)], ids=["plane", "space"]
+    "axes", [2, pytest.param(3, marks=pytest.mark.release)], ids=["plane", "space"]
 )
 def test_a_ball_rolls_down_a_slope_at_five_sevenths_of_gravity(axes):
     system, down, _ = on_slope(axes, 0.5)

@@ -183,6 +183,7 @@ def spiral(dimension, **tables):
     return system, state, jnp.asarray(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dimension", "tables"),
     [

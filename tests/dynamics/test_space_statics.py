@@ -366,6 +366,7 @@ def held_at_both_ends(places, twist, *, GJ, joint):
     return np.linalg.eigvalsh(matrix)
 
 
+@pytest.mark.slow
 def test_an_arm_with_other_numbers_is_built_without_compiling(caplog):
     loaded(11)
     with jax.log_compiles():

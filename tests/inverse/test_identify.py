@@ -279,6 +279,7 @@ def test_the_command_sets_lost_markers_aside_and_says_which_rows(measured, recor
     assert_shows_something(tmp_path / "identify.png")
 
 
+@pytest.mark.slow
 def test_readings_of_a_result_count_from_when_they_were_taken(tmp_path):
     late = {"noise_position": 0.0, "noise_angle_deg": 0.0, "delay": 0.05, "rate_hz": 20.0}
     result = crinoid.simulate(SHAKEN.with_values({f"sensor.{key}": late[key] for key in late}))
@@ -322,6 +323,7 @@ def test_a_table_of_motion_and_commands_is_read(tmp_path):
     assert "not read: lfit" in record.notes
 
 
+@pytest.mark.slow
 def test_a_result_of_another_dimension_is_no_record(measured):
     with pytest.raises(ScenarioError, match="the arm has 2 axes; must have 3"):
         read_record(measured, SHAKEN.with_values({"arm.dimension": 3}), ())

@@ -224,6 +224,7 @@ def run_briefly(folder, monkeypatch, cost):
     return call("tune", folder / "small.toml", *numbers, "--out", folder / "out")
 
 
+@pytest.mark.slow
 def test_a_search_that_is_interrupted_keeps_its_best(tmp_path, monkeypatch):
     calls = count(1)
 

@@ -173,6 +173,7 @@ def test_a_rollout_is_a_simulation(calm):
     np.testing.assert_allclose(part.kept.tip, found.kept.tip[12:], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_rollout_ends_at_the_first_step_that_fails(calm):
     _, loop, state, run = calm
     wild = eqx.tree_at(lambda s: s.motion.velocity, state, state.motion.velocity.at[-1].set(1e6))

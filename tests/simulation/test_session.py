@@ -89,6 +89,7 @@ def test_recorded_commands_give_the_motion_of_the_run_to_round_off(session):
     assert seen[-1].readings["wrench"].value.shape == (3,)
 
 
+@pytest.mark.slow
 def test_a_session_that_was_saved_continues_as_if_it_had_not_stopped(session, tmp_path):
     def step(of: crinoid.Session) -> None:
         when = of.next_time

@@ -219,6 +219,7 @@ def test_a_delay_longer_than_the_run_does_not_keep_it_from_being_prolonged():
     assert short.kept == long.kept == 92
 
 
+@pytest.mark.slow
 def test_a_run_off_the_main_thread_is_not_stopped_by_ctrl_c(result):
     short = scenario(simulation__duration=0.1, control__compare=False)
     handler = signal.getsignal(signal.SIGINT)

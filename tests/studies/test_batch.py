@@ -54,6 +54,7 @@ def test_each_run_is_that_of_simulate_to_the_bit(batch):
     assert len(set(batch["rms_error"].values[:4])) == 4
 
 
+@pytest.mark.slow
 def test_seeds_change_fastest_and_varied_keys_are_coordinates(batch, tmp_path):
     assert batch.sizes["run"] == 6
     assert batch["seed"].values.tolist() == [3, 4, 3, 4, 3, 4]

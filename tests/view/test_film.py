@@ -135,6 +135,7 @@ def test_solids_a_capsule_and_a_hull_are_drawn():
         assert not changed(first[at], last[at])
 
 
+@pytest.mark.slow
 def test_a_film_shows_the_run_without_control_next_to_the_other():
     still = small_arm(sway=0.0, flow=0.0)
     moving = small_arm(sway=0.4, flow=0.0, driven=False)
@@ -147,6 +148,7 @@ def test_a_film_shows_the_run_without_control_next_to_the_other():
     assert (ghost.at(2.0) != alone.at(2.0)).any(axis=-1).sum() > 100
 
 
+@pytest.mark.slow
 def test_a_base_that_travels_far_stays_in_the_picture_and_so_does_a_tip_that_is_followed():
     data = small_arm(records=21)
     far = data["position"] + 5.0 * data["time"] * (data["axis"] == "x")
@@ -163,6 +165,7 @@ def test_a_base_that_travels_far_stays_in_the_picture_and_so_does_a_tip_that_is_
         assert np.ptp(found, axis=0).max() <= 1, followed
 
 
+@pytest.mark.slow
 def test_each_colour_of_the_arm_is_another_picture():
     drawn = []
     for colour in ("curvature", "tension", "speed", "distance", "none"):
@@ -216,6 +219,7 @@ def test_a_gif_is_small_and_has_the_frames_that_were_drawn(planar, tmp_path):
         assert apart.mean() < 2.0
 
 
+@pytest.mark.slow
 def test_a_film_without_a_name_is_in_the_folder_of_the_result(planar):
     filmed(planar / "result.nc", "--until", 1, "--speed", 1, *TINY)
     assert decoded(planar / "film.mp4").shape == (31, 160, 160, 3)  # it ends when asked
@@ -233,6 +237,7 @@ def test_without_pyav_a_gif_is_written_and_an_mp4_refused(planar, tmp_path, monk
     (planar / "film.gif").unlink()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_any_title_and_status_can_be_drawn(tmp_path):
     title = "$x^2$ and $\\frac{$ \x1b[31mred\nline 潮 " + "words " * 400 + "w" * 900
@@ -242,6 +247,7 @@ def test_any_title_and_status_can_be_drawn(tmp_path):
     assert (ended.exit_code, ended.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_file_of_others_is_replaced_only_if_that_is_wanted(planar, tmp_path):
     path = tmp_path / "holiday.gif"
     path.write_bytes(b"GIF89a of a beach")
@@ -253,6 +259,7 @@ def test_a_file_of_others_is_replaced_only_if_that_is_wanted(planar, tmp_path):
     filmed(planar, "--to", path, *BRIEF)  # crinoid made it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
 def test_an_interrupted_film_leaves_nothing_and_an_earlier_one_stays(
     planar, tmp_path, monkeypatch, name

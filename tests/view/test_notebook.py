@@ -119,6 +119,7 @@ def test_plots_show_the_numbers_of_the_result():
     np.testing.assert_allclose(bent[:, 1], data["curvature"][-1])
 
 
+@pytest.mark.slow
 def test_a_plot_keeps_what_its_backend_sets_when_it_is_loaded(tmp_path):
     # the backend of notebooks shows figures only while this setting is on
     backend = "from matplotlib.backends.backend_agg import *\nmatplotlib.interactive(True)\n"

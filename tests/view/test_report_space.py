@@ -86,6 +86,7 @@ def test_the_sheet_shows_the_arm_over_time(tilt):
         assert np.all((expected > low) & (expected < high))
 
 
+@pytest.mark.slow
 def test_no_text_of_the_sheet_lies_over_another_or_off_the_page():
     sheet = draw_sheet(Run(among_obstacles(records=9), among_obstacles(records=9, driven=False)))
     sheet.draw_without_rendering()

@@ -150,6 +150,7 @@ def test_cells_of_several_seeds_have_intervals(tmp_path):
     assert write_means(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_many_cases_are_thinned_and_the_page_says_so(tmp_path):
     rng, count = np.random.default_rng(0), 3 * MOST_CASES
     keys = ("arm.youngs_modulus", "flow.0.velocity")
@@ -197,6 +198,7 @@ def test_a_study_of_which_nothing_is_known_has_a_page(tmp_path):
     assert (told(text)["views"], told(text)["measures"]) == ([], [])
 
 
+@pytest.mark.slow
 def test_words_in_a_table_stay_text(tmp_path):
     plain = [study_row(1, status="ok"), study_row(2)]
     odd = {"case": HOSTILE, "status": HOSTILE, "directory": "javascript:alert(1)", HOSTILE: HOSTILE}
