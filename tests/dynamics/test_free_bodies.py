@@ -224,7 +224,9 @@ def test_resistance_that_nothing_feels_is_refused(key, mass, message):
         crinoid.Scenario.from_dict({"obstacle": [ball, plane]})
 
 
-@both
+@pytest.mark.parametrize(
+    "axes", [2, pytest.param(3, marks=pytest.mark.slow)], ids=["plane", "space"]
+)
 def test_a_body_with_a_heavy_bottom_swings_as_on_paper(axes):
     height, density, rate = 0.01, 1000.0, 1.0
     inertia, displaced = 0.4 * MASS * RADIUS**2, density * 4 / 3 * np.pi * RADIUS**3
