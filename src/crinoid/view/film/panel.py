@@ -152,7 +152,7 @@ class FilmPanel:
         for body, place in zip(self.run.obstacles, now.obstacles, strict=True):
             if body.kind != "plane":
                 continue
-            here = replace(body, path=(place - self._drift)[None])
+            here = replace(body, path=(place - self._drift)[None], half_axis=body.half_axis[:1])
             if shows_edge(here, view):
                 behind.append(obstacle_outline(here, 0, low, high, view))
                 continue
