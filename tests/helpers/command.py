@@ -1,5 +1,8 @@
 """Commands called in the process of the test."""
 
+import re
+from pathlib import Path
+
 from typer import Typer
 from typer.testing import CliRunner, Result
 
@@ -27,3 +30,11 @@ def one_line(ended: Result, code: int = 2) -> str:
 def refused(*arguments: object, code: int = 2, of: Typer = app) -> str:
     """Call a command that ends with an error; return the only line that it writes of it."""
     return one_line(call(*arguments, of=of), code)
+
+
+def assert_refused(line: str, answer: str) -> None:
+    """Call a command line in this folder: one line says why not, and nothing is written."""
+    before = sorted(Path().rglob("*"))
+    said = refused(*line.split())
+    assert re.match(f"crinoid: {answer}", said), said
+    assert sorted(Path().rglob("*")) == before

@@ -12,7 +12,7 @@ from crinoid.assembly.description import POLICY
 from crinoid.assembly.neural import read_policy, write_policy
 from crinoid.learning.environment.reward import Success
 from crinoid.scenario import builtin_files
-from helpers.command import refused
+from helpers.command import assert_refused
 from helpers.planar_result import swaying_arm
 from helpers.refusals import mistake
 from helpers.studies import save
@@ -101,7 +101,4 @@ def test_a_mistake_in_a_command_is_one_line_and_nothing_is_written(tmp_path, mon
     (tmp_path / "broken.eqx").write_bytes(BUILT_IN.read_bytes()[:-9])
     if "result.nc" in call:
         save(swaying_arm(records=2, duration=1.0, nodes=3), tmp_path / "result.nc")
-    before = sorted(tmp_path.iterdir())
-    line = refused(*call.split())
-    assert re.match(f"crinoid: {COMMANDS[call]}", line), line
-    assert sorted(tmp_path.iterdir()) == before
+    assert_refused(call, COMMANDS[call])
