@@ -4,6 +4,7 @@ import csv
 import re
 from functools import cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
@@ -174,7 +175,7 @@ def test_a_schedule_adds_to_a_constant_pressure():
     schedule = {"time": [0.0, 1.0], "share": [0.1, 0.3]}
     held = BELLOWS.with_values({"chamber.0.pressure": 1e4, "chamber.0.schedule": schedule})
     (valve,) = crinoid.system(held).actuators
-    np.testing.assert_allclose(valve.scheduled(0.5), [0.4])
+    np.testing.assert_allclose(valve.scheduled(jnp.asarray(0.5)), [0.4])
     threads = crinoid.parameters(held).actuator[0]
     assert (float(threads.max_pressure[0]), float(threads.area[0])) == (5e4, 1e-4)
     with pytest.raises(ScenarioError, match=r"chamber\.0\.pressure: got 1000\.0; must be 2000 to"):

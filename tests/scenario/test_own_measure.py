@@ -46,6 +46,7 @@ def package(tmp_path, monkeypatch):
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "reefs.py").write_text(PACKAGE)
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    sys.modules.pop("reefs", None)  # of another test
     yield
     sys.modules.pop("reefs", None)
 

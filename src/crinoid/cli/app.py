@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -306,13 +307,13 @@ for command in (
     app.command()(command)
 
 
-def _moved(context: typer.Context) -> None:
-    name = str(context.command.name)
-    stop(f"{name}: not in the package. In a clone of crinoid, run: python -m {_MOVED[name]}")
+def _moved(name: str, program: str) -> Callable[[], None]:
+    return lambda: stop(f"{name}: not in the package. In a clone of crinoid, run: {program}")
 
 
-_MOVED = {"validate": "validation", "bench": "benchmarks"}
+_MOVED = {"validate": "python -m validation", "bench": "python -m benchmarks"}
 """Former commands, and the programs of the repository in their place."""
-for name in _MOVED:
+for name, program in _MOVED.items():
     anything = {"ignore_unknown_options": True, "allow_extra_args": True}
-    app.command(name, hidden=True, add_help_option=False, context_settings=anything)(_moved)
+    as_before = app.command(name, hidden=True, add_help_option=False, context_settings=anything)
+    as_before(_moved(name, program))

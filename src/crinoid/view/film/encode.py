@@ -86,7 +86,8 @@ def write_gif(
     times = [int(10 * each) for each in np.diff(ends)]
     look: Any = {"palette": bytes(colours), "transparency": _COLOURS, "optimize": True}
     look |= {"loop": 0, "disposal": 1, "duration": times, "comment": comment.encode()}
-    next(flat).save(path, format="GIF", save_all=True, append_images=flat, **look)
+    with path.open("wb") as file:  # which Pillow would not close after an interruption
+        next(flat).save(file, format="GIF", save_all=True, append_images=flat, **look)
 
 
 def _still(picture: Image) -> Still.Image:

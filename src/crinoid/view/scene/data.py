@@ -220,7 +220,7 @@ class Obstacle:
         return np.linalg.norm(apart, axis=-1) - (0.0 if self.solid else self.radius)
 
 
-def _direction(name: str, parts: Sequence[float], counts: tuple[int, ...]) -> Point:
+def _direction(name: str, parts: Sequence[float | int], counts: tuple[int, ...]) -> Point:
     """Return a direction, of length one, from its parts: x and z, or x, y and z."""
     numbers = [float(part) for part in parts]
     size = math.hypot(*numbers)
