@@ -130,3 +130,21 @@ def test_vortices_lock_in_to_bending_in_space_and_not_to_twist():
     tangent = np.tile([1.0, 0.0, 0.0], (4, 1))
     found = bending(shape, spin, tangent, np.full(5, 0.02))
     assert found.tolist() == [True, False, True, False]
+
+
+@pytest.mark.slow
+def test_a_loss_factor_is_all_of_the_damping_unless_more_is_asked_for():
+    loss = {"value": 0.1, "band_hz": [0.1, 20.0]}
+    arm = {**LIGHT["arm"], "nodes": 7, "loss_factor": loss}
+    arm.pop("damping_time")
+    alone = Scenario(arm=arm, water={"gravity": 0.001})
+    assert alone.arm.damping_time == 0.0
+    assert Scenario(arm={"relaxation": [{"ratio": 0.5, "time": 1.0}]}).arm.damping_time == 0.0
+    assert Scenario().arm.damping_time == 0.02
+    found = crinoid.modes(alone, count=2, in_air=True).isel(medium=0)
+    np.testing.assert_allclose(found["damping_ratio"], 0.05, rtol=0.05)
+    more = crinoid.modes(alone.with_values({"arm.damping_time": 0.002}), count=2, in_air=True)
+    # branches stiffen the arm, which leaves less of the ratio
+    added = (more["damping_ratio"].isel(medium=0) - found["damping_ratio"]) / found["frequency"]
+    assert np.all(added > 0.6 * 0.002 * np.pi)
+    assert np.all(added < 0.002 * np.pi)

@@ -163,6 +163,17 @@ class Facts:
         return float(1 / self.frequencies[0])
 
     @cached_property
+    def damping_ratio(self) -> float:
+        """Damping ratio of the slowest vibration by the material."""
+        arm, rate = self.scenario.arm, 2 * math.pi / self.period
+        loss = 0.0 if arm.loss_factor is None else arm.loss_factor.value
+        if arm.relaxation:
+            turned = np.array([rate * branch.time for branch in arm.relaxation])
+            parts = np.array([branch.ratio for branch in arm.relaxation]) / (1 + turned**2)
+            loss = float(parts @ turned / (1 + parts @ turned**2))
+        return 0.5 * (rate * arm.damping_time + loss)
+
+    @cached_property
     def direction(self) -> tuple[float, ...]:
         """Unit vector along which the base points the arm."""
         pan, tilt, _ = self.scenario.base.angles

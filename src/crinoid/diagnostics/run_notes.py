@@ -103,7 +103,7 @@ def _accumulated(dataset: xr.Dataset, facts: Facts) -> str:
     if dragged or driven or moved < 1e-6 * scenario.arm.length:
         return ""
     simulation, rate = scenario.simulation, 2 * np.pi * facts.frequencies[0]
-    memory = 2 / max(rate**2 * scenario.arm.damping_time, 1e-300)
+    memory = 1 / max(rate * facts.damping_ratio, 1e-300)
     each = min(simulation.duration, float(memory)) / simulation.time_step
     share = float(dataset["step_error"].mean()) * each / moved
     if share <= _ACCUMULATED:

@@ -18,6 +18,9 @@ from jaxtyping import Array, Float
 
 from crinoid.rod import Rod
 
+_FITS = 5
+"""Fits of branches to a loss factor; by then the weights settle."""
+
 
 class Strained(NamedTuple):
     """Memory of a material: its strain, and the stress of each branch over the stiffness."""
@@ -110,15 +113,22 @@ def branches_of_loss_factor(
 ) -> Float[np.ndarray, "2 branch"]:
     """Return Maxwell branches whose loss factor is nearly constant over a band of frequencies.
 
-    Two a decade, by least squares: the loss modulus is ``value`` times the storage modulus, which
-    is linear in the ratios. The error is at most 6 % of the value.
+    Two a decade and one beyond each end, by least squares: the loss modulus is ``value`` times the
+    storage modulus, which is linear in the ratios. Each fit weighs the error by the storage modulus
+    of the one before, which rises over the band: so the error of the loss factor is the same at
+    all frequencies. It is at most 2 % for values to 1.5, 1 % for values to 1.
     """
     from scipy.optimize import nnls  # slow to load, and few scenarios need it
 
     decades = float(np.log10(band_hz[1] / band_hz[0]))
     frequency = 2 * np.pi * np.geomspace(*band_hz, max(9, round(20 * decades)))
-    time = 1 / (2 * np.pi * np.geomspace(*band_hz, max(2, round(2 * decades) + 1)))
+    places = np.arange(np.ceil(2 * decades) + 3)
+    middle = np.sqrt(band_hz[0] * band_hz[1])
+    time = 1 / (2 * np.pi * middle * 10 ** (0.5 * (places - places.mean())))
     turned = frequency[:, None] * time
     storage, loss = turned**2 / (1 + turned**2), turned / (1 + turned**2)
-    ratio, _ = nnls(loss - value * storage, np.full(frequency.size, value))
+    total = np.ones(frequency.size)
+    for _ in range(_FITS):
+        ratio, _ = nnls((loss - value * storage) / total[:, None], value / total)
+        total = 1 + storage @ ratio
     return np.stack([ratio, time])[:, ratio > 0]

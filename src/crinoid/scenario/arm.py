@@ -1,7 +1,7 @@
 """The arm: its shape at rest, material and section."""
 
-from collections.abc import Iterator
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -25,6 +25,9 @@ Dimension = Annotated[
     Literal[2, 3],
     Quantity(expects="2 (a planar arm) or 3 (an arm that bends both ways and twists)"),
 ]
+
+_DAMPING_TIME = 0.02
+"""Viscosity over modulus of a material without branches (s)."""
 
 _Above0 = Annotated[float, Field(gt=0)]
 Radius = Annotated[
@@ -89,7 +92,7 @@ class Relaxation(Model):
 class LossFactor(Model):
     """A loss factor that is nearly constant over a band of frequencies, by Maxwell branches."""
 
-    value: float = Field(gt=0, le=1, description="Loss modulus over storage modulus.")
+    value: float = Field(gt=0, le=1.5, description="Loss modulus over storage modulus.")
     band_hz: Annotated[
         tuple[float, float], AsTuple, Quantity("Hz", "[lowest, highest], 0 < lowest < highest")
     ] = Field(description="Lowest and highest frequency.")
@@ -98,6 +101,11 @@ class LossFactor(Model):
         lowest, highest = self.band_hz
         if not 0 < lowest < highest <= 1e6 * lowest:
             yield self.mistake("band_hz")
+
+
+def has_branches(given: Mapping[str, Any]) -> bool:
+    """Return whether the keys of ``[arm]`` give the material Maxwell branches."""
+    return bool(given.get("relaxation")) or given.get("loss_factor") is not None
 
 
 class Arm(Model):
@@ -112,11 +120,18 @@ class Arm(Model):
     poisson_ratio: float = entry(
         0.5, "Poisson's ratio, for the shear modulus, which resists twist in space.", ge=0, le=0.5
     )
-    damping_time: Seconds = entry(0.02, "Kelvin-Voigt damping: viscosity over modulus.", ge=0)
     relaxation: ListOf[Relaxation] = entry(
         (), "Maxwell branches: E(t) = youngs_modulus (1 + sum of ratio exp(-t / time))."
     )
     loss_factor: LossFactor | None = entry(None, "In place of `relaxation`: a loss factor.")
+    damping_time: Seconds = Field(
+        # branches are all of the damping, unless more is asked for
+        default_factory=lambda given: 0.0 if has_branches(given) else _DAMPING_TIME,
+        ge=0,
+        description="Kelvin-Voigt damping: viscosity over modulus; by default 0 with `relaxation` "
+        "or `loss_factor`.",
+        json_schema_extra={"default": _DAMPING_TIME},
+    )
     rest_curvature: RestCurvature = entry(
         0.0, "Curvature at rest; positive curls like tilt (in space kappa_2)."
     )

@@ -272,8 +272,19 @@ def _integrator(facts: Facts) -> Iterator[str]:
         yield unusual("simulation.integrator", value, f"up to {_DAMPED:.0%}", hint)
 
 
+@check("arm.damping_time", limit="0 next to arm.loss_factor")
+def _damped_twice(facts: Facts) -> Iterator[str]:
+    arm = facts.scenario.arm
+    if arm.loss_factor is not None and arm.damping_time > 0:
+        more = math.pi * facts.frequencies[0] * arm.damping_time
+        asked = arm.loss_factor.value / 2
+        hint = f"It adds up to {more:.2g} to the first damping ratio, {asked:.2g} of loss_factor."
+        value = f"{arm.damping_time:g} s"
+        yield unusual("arm.damping_time", value, "0 next to arm.loss_factor", hint)
+
+
 BASIC_CHECKS = (_radians, _flow_speed)
 CHECKS = (
     *(_base_height, _base_motion, _sum_of_foreign_loads, _weight, _drag),
-    *(_time_step, _integrator),
+    *(_time_step, _integrator, _damped_twice),
 )
