@@ -170,3 +170,21 @@ def test_what_a_step_does_not_resolve_is_no_defect():
     assert judged(books(ramp(0.1)), step_energy=6.0) is None
     found = judged(books(ramp(-0.9)), step_energy=2.0)  # which is less than half of it
     assert (found.failed, found.scale) == (None, 2.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("most", [4, 25, 60])
+def test_a_light_stiff_rod_that_rings_is_solved_and_noted_however_many_iterations_it_has(most):
+    # the trapezoid rule, undamped: its stretch is a million times faster than a step. A step moves
+    # the tip by 17 m and back, so its balance is known less well than positions within its length
+    light = {"EA": 1e6, "EI": 1e-2, "mass_per_length": 1e-4}
+    scenario = crinoid.Scenario(
+        arm={"length": 0.5, "nodes": 11, "section": light},
+        water={"density": 0.0, "gravity": 0.0},
+        load=[{"kind": "tip", "force": [1.0, 0.0]}],
+        simulation={"duration": 0.5, "time_step": 0.01, "start": "rest", "max_iterations": most},
+    )
+    run = crinoid.simulate(scenario).dataset
+    assert run.attrs["status"] == "ok"
+    assert int(run["newton_iterations"].max()) < 4 * int(run["steps"].max())
+    assert "vibrations that time steps of 0.01 s do not resolve make up" in run.attrs["notes"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.elements import Synchronisation, Vortices, WakeOscillator
+from crinoid.elements import Motion, Synchronisation, Vortices, WakeOscillator
 from crinoid.elements.vortices import Oscillation
 from crinoid.flow import Uniform
 from helpers.arms import always, arm
@@ -28,9 +28,11 @@ each_model = pytest.mark.parametrize("model", MODELS)
 
 
 def at(velocity=0.0, acceleration=0.0):
-    return Oscillation(
-        *(jnp.asarray(x, float) for x in (SHEDDING, SPEED, DIAMETER, velocity, acceleration))
+    direction, relative = jnp.ones(1), -jnp.asarray(velocity, float)[None]
+    shedding, speed, diameter, acceleration = (
+        jnp.asarray(x, float) for x in (SHEDDING, SPEED, DIAMETER, acceleration)
     )
+    return Oscillation(shedding, speed, diameter, direction, relative, acceleration)
 
 
 @eqx.filter_jit
@@ -83,6 +85,38 @@ def test_a_forced_cylinder_locks_in_between_centre_less_and_centre_plus_range(lo
         slipped = np.unwrap(np.asarray(phase)) - rate * time
         locked.append(np.ptp(slipped[30_000:]) < 1.0)
     assert locked == ([True, True] if low == 0.105 else [False, False])
+
+
+@each_model
+def test_a_frame_that_moves_and_speeds_up_with_the_water_changes_nothing(model):
+    one = jax.tree.map(lambda x: x[0] if x.ndim else x, riser(model).forces.elements[-1])
+    step, way = 0.05, np.array([0.3, 0.2, -0.1])
+
+    def phases(frame):
+        vortices, memory, found, rng = one, None, [], np.random.default_rng(3)
+        for time in step * np.arange(1, 12):
+            speed, rate = frame * np.sin(2 * time) * way, 2 * frame * np.cos(2 * time) * way
+            swing = 0.03 * np.cos(7 * time) * rng.normal(size=(2, 3))
+            motion = Motion(
+                jnp.asarray([[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]),
+                jnp.asarray(swing + speed),
+                jnp.asarray(-7 * swing + rate),
+                jnp.asarray([[0.2, 0.0, 0.05]] * 2 + speed),
+                jnp.asarray([rate] * 2),
+                jnp.asarray(time),
+            )
+            if memory is None:
+                memory = one.steady(motion)
+            vortices = one.remembering(memory, jnp.asarray(step))
+            memory = vortices.advance(motion)
+            found.append(
+                [each.phase(state) for each, state in zip(one.oscillators, memory, strict=True)]
+            )
+        return np.asarray(found)
+
+    still = phases(0.0)
+    rng = np.random.default_rng(3)
+    np.testing.assert_allclose(phases(5.0), still, rtol=0, atol=1e-9)
 
 
 def riser(model, axes=3, **more):

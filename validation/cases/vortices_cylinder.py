@@ -44,8 +44,9 @@ def _driven(
     """Return signal and phase of an oscillator whose cylinder has given accelerations."""
 
     def at(acceleration: Array) -> Oscillation:
-        shedding, speed, diameter, still = map(jnp.asarray, (_SHEDDING, _SPEED, _DIAMETER, 0.0))
-        return Oscillation(shedding, speed, diameter, still, acceleration)
+        shedding, speed, diameter = map(jnp.asarray, (_SHEDDING, _SPEED, _DIAMETER))
+        # the wake oscillator, which is forced here, sees the acceleration alone
+        return Oscillation(shedding, speed, diameter, jnp.ones(1), jnp.zeros(1), acceleration)
 
     def one(state: Any, acceleration: Array) -> tuple[Any, tuple[Array, Array]]:
         state = oscillator.advance(state, at(acceleration), step)

@@ -15,21 +15,24 @@ from crinoid.foundation.axes import CHANNELS
 from crinoid.results.chunks import pieces
 from crinoid.results.errors import judged
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, SineFlow, SurfaceWaves
+from crinoid.scenario import Scenario, SineFlow, SurfaceWaves, percent
 
 _LARGE, _SEEN_RINGING = 0.25, 0.05
 """Shares of the median and of the largest force on the base above which unresolved vibrations
 deserve a note."""
 
 
-def unresolved_vibrations(dataset: xr.Dataset, system: System) -> tuple[float, str]:
+def unresolved_vibrations(
+    dataset: xr.Dataset, system: System, jumps: Float[np.ndarray, " time"]
+) -> tuple[float, str]:
     """Return the energy that one time step cannot resolve (J), and a note on ringing vibrations.
 
     The energy is that of a free arm under the loads for one step, ``(h P)^2 / 2 m``. The loads P
     are the force on the base plus mass times mean acceleration, with or without added mass (the
     smaller sum), less contacts: the median over the run. A vibration is unresolved where
-    accelerations change by more than their size in a step. The note compares medians of the second
-    half of a run, which ignore a hit or a load that jumps.
+    accelerations change by more than their size in a step, and more than by the ``jumps`` of
+    commands (m/s2). The note compares medians of the second half of a run, which ignore a hit or a
+    load that jumps.
     """
     own, step = float(system.forces.mass), float(system.time_step)
     waters = [each for each in system.forces.elements if isinstance(each, AddedMass)]
@@ -49,12 +52,13 @@ def unresolved_vibrations(dataset: xr.Dataset, system: System) -> tuple[float, s
     by_change = system.integrator.error(jnp.zeros((1, 1)), jnp.ones((1, 1)), system.time_step)
     change = dataset["step_error"].values / max(abs(float(by_change[0, 0])), 1e-300)
     late = slice(len(loads) // 2, None)
-    rings, whole = np.median([np.where(change > fastest, inertia, 0.0)[late], force[late]], axis=1)
+    rung = np.where(change > fastest + 2 * jumps, inertia, 0.0)
+    rings, whole = np.median([rung[late], force[late]], axis=1)
     note = ""
     if rings > _LARGE * whole > 0 and rings > _SEEN_RINGING * force.max():
         note = (
             f"vibrations that time steps of {step:g} s do not resolve make up "
-            f"{rings / whole:.0%} of the force on the base (medians of the second half). Try "
+            f"{percent(rings / whole)} of the force on the base (medians of the second half). Try "
             f"simulation.time_step = {step / 10:.3g}, "
             'simulation.integrator = "generalized-alpha", a larger arm.damping_time or a smaller '
             "arm.section.EA."

@@ -17,7 +17,7 @@ from crinoid.results.chunks import pieces
 from crinoid.results.dimensionless import MOTION, length_share, normal_velocity
 from crinoid.results.loads import largest_strain
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, Tool, shown
+from crinoid.scenario import Scenario, Tool, percent, shown
 from crinoid.scenario.water import Water
 
 _SUBCRITICAL = (1e3, 1e5)
@@ -109,8 +109,8 @@ def _accumulated(dataset: xr.Dataset, facts: Facts) -> str:
     if share <= _ACCUMULATED:
         return ""
     return (
-        f"errors of the time steps may add up to {share:.0%} of the motion of the tip. Compare "
-        f"with simulation.time_step = {simulation.time_step / 2:.3g}."
+        f"errors of the time steps may add up to {percent(share)} of the motion of the tip. "
+        f"Compare with simulation.time_step = {simulation.time_step / 2:.3g}."
     )
 
 

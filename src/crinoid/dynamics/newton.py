@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_tangents
 from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import TangentFactors
@@ -38,7 +39,10 @@ class Settings(eqx.Module):
     tolerance: Float[Array, ""]
     """Largest imbalance over the largest force."""
     floor: Float[Array, ""]
-    """Imbalance below which round-off may dominate (N) and progress is not required."""
+    """Imbalance below which round-off may dominate (N) and progress is not required, for positions
+    within ``reach``."""
+    reach: Float[Array, ""]
+    """Length of the rod (m)."""
     max_iterations: Int[Array, ""]
     """Largest number of iterations."""
     weights: Float[Array, " b"]
@@ -73,7 +77,17 @@ class Settings(eqx.Module):
         weights = jnp.ones(rod.axes)
         if rod.axes == 3:
             weights = jnp.append(weights, 1.0 / jnp.mean(length))  # a couple on the ends of an edge
-        return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations), weights)
+        iterations = jnp.asarray(max_iterations)
+        return Settings(jnp.asarray(tolerance), floor, rod.length, iterations, weights)
+
+    def about(self, stage: StepMap, axes: int) -> "Settings":
+        """Return the settings of a solve, with the round-off of the positions that it adds up.
+
+        A base may be far away; and a predicted position of a light arm, with the correction that
+        brings it back, may be many times its length.
+        """
+        farthest = jnp.max(jnp.abs(stage.position[:, :axes]))
+        return replace(self, floor=self.floor * jnp.maximum(1.0, farthest / self.reach))
 
 
 class ReusedTangent(eqx.Module):
@@ -149,6 +163,7 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
+    settings = settings.about(stage, forces.axes)
     # friction of the arm on itself, or of a free body, lets whole steps alternate between two
     # shapes where it sticks; a static solve, which has none, limits its turns and must pass larger
     # imbalances
@@ -214,6 +229,8 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
         left_over = jnp.where(carry.count > 0, contraction, contraction**2) * outcome.residual
         suffices = (_MARGIN * left_over <= allowed) & ~carry.touches
         stalled = outcome.converged & carry.refresh & (contraction > _STALLED)
+        # corrections below round-off, which change nothing
+        stalled |= carry.refresh & jnp.all(residual == carry.residual)
         # the tangent of an earlier step failed: back to the guess, with one of this step
         astray = (carry.count > 0) & ~carry.refresh & ~(contraction < 1.0)
         sound = jnp.isfinite(outcome.residual) | astray

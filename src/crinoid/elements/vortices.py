@@ -3,8 +3,12 @@
 At the middle of an edge ``w = u - v`` is the velocity of the water relative to the arm, ``w_n``
 its part across the arm, ``U = |w_n|``, ``t`` the tangent, ``D`` the diameter, ``e = t x w_n / U``.
 An oscillator at the edge gives a signal ``s``; the lift per length is ``1/2 rho D U^2 C s e``. It
-feels the arm's own velocity ``y'`` and acceleration ``y''`` along ``e``, so vortices and arm lock
-in. A second oscillator, of twice the frequency, acts along ``w_n / U``.
+feels how the arm oscillates in the water along ``e``, so vortices and arm lock in. A second
+oscillator, of twice the frequency, acts along ``w_n / U``.
+
+The oscillation has the velocity ``y' = (mean(w) - w) . e`` and the acceleration
+``y'' = (a - Du/Dt) . e``. In a steady uniform current that is the arm's own velocity about its
+mean. All of it is relative to the water: a towed arm has the vortices of one held in a current.
 
 The signal at the end of a step is predicted from the state at its start, the state follows from
 the motion at the end: both to second order, and iterations see a force that depends on the
@@ -30,7 +34,7 @@ from crinoid.rod.reference import along, at_ends
 Scalar = Float[Array, "*count"]
 
 _PERIODS = 5.0
-"""Shedding periods over which `Synchronisation` averages the motion of the arm."""
+"""Shedding periods over which `Synchronisation` averages flow and motion of the arm."""
 _STILL = 1e-3
 """Speed of the arm over that of the water below which it counts as still: 0.001 D of amplitude."""
 _FIRST_SIGNAL = 0.1
@@ -46,10 +50,12 @@ class Oscillation(NamedTuple):
     """``U`` (m/s)."""
     diameter: Scalar
     """m."""
-    velocity: Scalar
-    """Velocity of the arm (m/s)."""
+    direction: Float[Array, "*count d"]
+    """Unit vector of the oscillation."""
+    relative: Float[Array, "*count d"]
+    """Velocity of the water relative to the arm (m/s)."""
     acceleration: Scalar
-    """Acceleration of the arm (m/s2)."""
+    """Acceleration of the arm relative to the water, along the direction (m/s2)."""
 
 
 class Oscillator(eqx.Module):
@@ -84,8 +90,10 @@ class Synchronised(NamedTuple):
     """Phase of the lift (rad)."""
     rate: Scalar
     """Its rate (rad/s)."""
+    flows: Float[Array, "*count 3 d"]
+    """Velocity of the water relative to the arm: now, its mean, the mean of this mean (m/s)."""
     mean_squares: Float[Array, "*count 2"]
-    """Mean squares of the arm's velocity (m2/s2) and acceleration (m2/s4)."""
+    """Mean squares of the oscillation's velocity (m2/s2) and acceleration (m2/s4)."""
     squares: Float[Array, "*count 2"]
     """Present squares of both."""
 
@@ -96,6 +104,7 @@ class Synchronisation(Oscillator):
     ``phi' = 2 pi (U / D) (centre + range sin(phi_v - phi))``, signal ``cos phi``, with the phase
     ``phi_v = atan2(-y'' / y''_rms, y' / y'_rms)`` of the arm (Thorsen, Saevik and Larsen 2014,
     Journal of Fluids and Structures 51, eq. 12 and 13). The means are over five shedding periods.
+    That of the flow is taken twice, which shifts no phase: one mean alone would by 2 degrees.
     """
 
     harmonic: int = eqx.field(static=True)
@@ -105,17 +114,30 @@ class Synchronisation(Oscillator):
     """Half the width of lock-in, over ``U / D``."""
 
     def start(self, angle: Scalar, at: Oscillation) -> Synchronised:
-        squares = self._squares(at)
-        return Synchronised(angle, self._rate(angle, squares, at), squares, squares)
+        flows = jnp.stack([at.relative] * 3, axis=-2)
+        velocity = self._velocity(flows, at)
+        squares = self._squares(velocity, at)
+        return Synchronised(
+            angle, self._rate(angle, velocity, squares, at), flows, squares, squares
+        )
 
     def advance(self, state: Synchronised, at: Oscillation, step: Scalar) -> Synchronised:
-        squares = self._squares(at)
         left = jnp.exp(-step * self.harmonic * self.centre * at.shedding / _PERIODS)
-        means = left * state.mean_squares + (1.0 - left) * 0.5 * (state.squares + squares)
+
+        def mean(past: Array, before: Array, after: Array) -> Array:
+            return left[..., None] * past + (1.0 - left[..., None]) * 0.5 * (before + after)
+
+        once = mean(state.flows[..., 1, :], state.flows[..., 0, :], at.relative)
+        twice = mean(state.flows[..., 2, :], state.flows[..., 1, :], once)
+        flows = jnp.stack([at.relative, once, twice], axis=-2)
+        velocity = self._velocity(flows, at)
+        squares = self._squares(velocity, at)
+        means = mean(state.mean_squares, state.squares, squares)
         # Heun's method
-        guess = self._rate(state.angle + step * state.rate, means, at)
+        guess = self._rate(state.angle + step * state.rate, velocity, means, at)
         angle = state.angle + 0.5 * step * (state.rate + guess)
-        return Synchronised(angle, self._rate(angle, means, at), means, squares)
+        rate = self._rate(angle, velocity, means, at)
+        return Synchronised(angle, rate, flows, means, squares)
 
     def signal(self, state: Synchronised, step: Scalar) -> Scalar:
         return jnp.cos(state.angle + step * state.rate)
@@ -123,10 +145,15 @@ class Synchronisation(Oscillator):
     def phase(self, state: Synchronised) -> Scalar:
         return state.angle
 
-    def _squares(self, at: Oscillation) -> Float[Array, "*count 2"]:
-        return jnp.stack([at.velocity**2, at.acceleration**2], axis=-1)
+    def _velocity(self, flows: Float[Array, "*count 3 d"], at: Oscillation) -> Scalar:
+        return jnp.sum((flows[..., 2, :] - flows[..., 0, :]) * at.direction, axis=-1)
 
-    def _rate(self, angle: Scalar, means: Float[Array, "*count 2"], at: Oscillation) -> Scalar:
+    def _squares(self, velocity: Scalar, at: Oscillation) -> Float[Array, "*count 2"]:
+        return jnp.stack([velocity**2, at.acceleration**2], axis=-1)
+
+    def _rate(
+        self, angle: Scalar, velocity: Scalar, means: Float[Array, "*count 2"], at: Oscillation
+    ) -> Scalar:
         frequency = 2.0 * jnp.pi * self.harmonic * at.shedding
         still = _STILL * at.speed
         floor = jnp.finfo(float).tiny
@@ -135,7 +162,7 @@ class Synchronisation(Oscillator):
             / (means[..., 0] + still**2 + floor)
         )
         # of a still arm the phase is 0
-        cosine, sine, none = own * at.velocity, -at.acceleration, own * still
+        cosine, sine, none = own * velocity, -at.acceleration, own * still
         size = jnp.sqrt(cosine**2 + sine**2 + none**2 + floor)
         ahead = (sine * jnp.cos(angle) - (cosine + none) * jnp.sin(angle)) / size
         return frequency * (self.centre + self.range * ahead)
@@ -324,14 +351,19 @@ class Vortices(Element):
         """Return the oscillation across and along the flow."""
         directions, speed = self._directions(motion)
         velocity, acceleration = (
-            0.5 * (ends[0] + ends[1]) for ends in (motion.velocity, motion.acceleration)
+            0.5 * (ends[0] + ends[1])
+            for ends in (
+                motion.flow_velocity - motion.velocity,
+                motion.acceleration - motion.flow_acceleration,
+            )
         )
         return [
             Oscillation(
                 speed / self.diameter,
                 speed,
                 self.diameter,
-                jnp.sum(direction * velocity),
+                direction,
+                velocity,
                 jnp.sum(direction * acceleration),
             )
             for direction in directions

@@ -22,6 +22,7 @@ from crinoid.scenario.errors import ScenarioError as ScenarioError
 from crinoid.scenario.errors import counted as counted
 from crinoid.scenario.errors import got as got
 from crinoid.scenario.errors import one_of as one_of
+from crinoid.scenario.errors import percent as percent
 from crinoid.scenario.errors import refusal as refusal
 from crinoid.scenario.errors import shown as shown
 from crinoid.scenario.flow import FlowTable as FlowTable

@@ -102,6 +102,11 @@ def join(*parts: str) -> str:
     return ".".join(part for part in parts if part)
 
 
+def percent(share: float) -> str:
+    """Return a share in percent, where it is not far above 1."""
+    return f"{share:.0%}" if share < 10 else "over 1000%"
+
+
 def shown(value: Any) -> str:
     """Return a value in the form of TOML, shortened to fit into a line."""
     if isinstance(value, (dict, BaseModel)):

@@ -19,6 +19,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.system import place_of
 from crinoid.diagnostics.control_loop import unresolved_vibrations
 from crinoid.diagnostics.energy_balance import Defect, find_defect, shorter_step, vibration_angle
+from crinoid.diagnostics.held_commands import command_jumps, held_commands_note
 from crinoid.diagnostics.run_notes import notes, tear_failure, tool_notes
 from crinoid.dynamics import Hull, Outcome, State, System
 from crinoid.dynamics.outcome import cos_turn_angle
@@ -264,7 +265,9 @@ def conclude(
     prepared, scenario, system = setup.prepared, setup.prepared.scenario, setup.loop.system
     dataset = with_velocity_moments(dataset)
     defect = None
-    step_energy, rings = unresolved_vibrations(dataset, system)
+    jumps = command_jumps(dataset, system, prepared.facts)
+    step_energy, rings = unresolved_vibrations(dataset, system, jumps)
+    rings = held_commands_note(dataset, system, prepared.facts) or rings
     if with_ledger:
         defect = find_defect(dataset, scenario, float(system.settings.floor), step_energy)
     if failed is not None:
