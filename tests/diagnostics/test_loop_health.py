@@ -1,5 +1,7 @@
 """How a loop did, on made-up motions of the tip and of the servos."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -168,3 +170,26 @@ def test_control_that_makes_it_worse_gets_a_note():
     late = SCENARIO.with_values({"control.start": 15.0})
     before = np.where(TIME < 15, 0.05, 0.01)
     assert loop_notes(made(before, uncontrolled=CALM, scenario=late)) == []
+
+
+@pytest.mark.slow
+def test_a_load_of_held_commands_that_steps_do_not_resolve_is_noted():
+    scenario = crinoid.load(
+        "floating", ["control.compare=false", "arm.nodes=9", "simulation.duration=4.0"]
+    )
+    loads, notes = {}, {}
+    for step in (0.01, 0.000625, 0.0003125):
+        cut = {"simulation.time_step": step, "output.interval": step}
+        run = crinoid.simulate(scenario.with_values(cut)).dataset
+        late = run["base_force"].isel(time=run["time"].values > 2.5)
+        loads[step] = np.linalg.norm(late, axis=1)
+        notes[step] = run.attrs["notes"]
+    assert "the force on the base is not resolved: held for 0.01 s" in notes[0.01]
+    assert "simulation.time_step = 0.000625" in notes[0.01]
+    assert "resolve" not in notes[0.000625] + notes[0.0003125]
+    assert loads[0.000625].max() == pytest.approx(loads[0.0003125].max(), rel=0.01)
+    # what the coarse steps miss, as estimated in the note
+    rms = {step: float(np.sqrt(np.mean(load**2))) for step, load in loads.items()}
+    missed = np.sqrt(rms[0.0003125] ** 2 - rms[0.01] ** 2)
+    (said,) = re.findall(r"adds about (\S+) N RMS", notes[0.01])
+    assert float(said) == pytest.approx(missed, rel=0.5)

@@ -13,7 +13,7 @@ from crinoid.dynamics import System
 from crinoid.foundation.axes import ANGLES
 from crinoid.scenario import percent
 
-_RESOLVED = 8
+_RESOLVED = 16
 """Time steps between two commands that resolve the load to 10 %."""
 _LARGE = 0.25
 """Share of the force on the base above which it deserves a note."""
