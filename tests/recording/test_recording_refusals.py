@@ -104,7 +104,7 @@ CURRENTS = {
     "one standard name of two": (
         alike, {"velocity": ["sea_water_speed", "0"]}, "velocity.0: .* must name one variable"),
     "times that repeat": (values("time", np.where(N == 17, 16.0, N)), {}, "time: time repeats at "),
-    "times that go back": (values("time", N[::-1]), {}, "time: time goes back at entry 1"),
+    "times that go back": (values("time", N[::-1]), {}, "time: time goes back at entry 1, 0 s after the first"),
     "steps of 1e300 s": (values("time", 1e300 * N), {}, "time: time has steps of 1e.300"),
     "steps of nothing": (values("time", 1e-300 * N), {}, "time: time has steps of 1e-300"),
     "an infinite time": (values("time", [*N[:99], np.inf]), {}, "time: time has a missing"),

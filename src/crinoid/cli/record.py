@@ -45,6 +45,8 @@ _READING = (
 )
 """Keys of a measured flow that say how its file is read."""
 _PLAIN = Unit(1.0, "")
+_SEMIDIURNAL = 12 * 3600.0
+"""Period (s) of most tides, nearly."""
 _CONSTITUENTS = 6
 """Constituents that are listed at most."""
 _HEAD = table_head([SPEED, SHARE])
@@ -188,11 +190,18 @@ def _tide(
         found = tide(record, level, start, latitude)
     except ImportError:
         return ["tide: not analysed, it needs utide (pip install 'crinoid[tide]')"]
+    if np.isnan(found.share):
+        return ["tide: none, the current is steady"]
+    short = f"no constituent with a period below {found.shortest / 3600:.4g} h, two intervals"
+    if not found.names:
+        return [f"tide: none, samples show {short}"]
     phase = "first sample" if start is None else "Greenwich"
     nodal = "" if start is not None and latitude is not None else ", without nodal corrections"
     lines = [
         f"tide: {len(found.names)} constituents explain {found.share:.1%} of the variance; "
         f"semi-major axes, phase lags of {phase}{nodal}"
     ]
+    if found.shortest >= _SEMIDIURNAL:
+        lines.append(f"samples show {short}: faster tides look like these, unless they are means")
     table = zip(found.names, found.amplitude, found.phase, strict=True)
     return lines + [f"  {n:5}{a:.3f} m/s {p:4.0f} deg" for n, a, p in list(table)[:_CONSTITUENTS]]

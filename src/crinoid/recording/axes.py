@@ -99,14 +99,7 @@ def seconds(
     with np.errstate(over="ignore", invalid="ignore"):
         time = (values - values[0]).astype(float) * factor
         steps = np.diff(time)
-    # compared before the subtraction, in which unsigned ones would wrap round
-    late = np.flatnonzero(~(values[1:] > values[:-1]))
-    if late.size:
-        after = int(late[0]) + 1
-        word = "repeats" if values[after] == values[after - 1] else "goes back"
-        levels = word == "repeats" and key == "time"
-        hint = "Name the levels in vertical if rows are at several." if levels else ""
-        raise refusal(key, f"{name} {word} at entry {after}", "increase", hint)
+    check_order(values, time, str(name), key)
     usual, error = np.median(steps), 0.0
     if values.dtype == np.float32:
         error = float(np.spacing(np.abs(values).max())) * factor / 2
@@ -118,6 +111,21 @@ def seconds(
         text = f"{name} has steps of {steps.min():.3g} to {steps.max():.3g} s"
         raise refusal(key, text, f"have steps of {low:g} to {high:g} s")
     return time
+
+
+def check_order(
+    values: np.ndarray, time: Float[np.ndarray, " time"], name: str, key: str
+) -> None:
+    """Refuse times that repeat or go back; ``time`` has them in seconds since the first."""
+    # compared before the subtraction, in which unsigned ones would wrap round
+    late = np.flatnonzero(~(values[1:] > values[:-1]))
+    if late.size:
+        after = int(late[0]) + 1
+        word = "repeats" if values[after] == values[after - 1] else "goes back"
+        levels = word == "repeats" and key == "time"
+        hint = "Name the levels in vertical if rows are at several." if levels else ""
+        when = f", {time[after - 1]:.6g} s after the first"
+        raise refusal(key, f"{name} {word} at entry {after}{when}", "increase", hint)
 
 
 def _refuse_dates(values: np.ndarray, name: str, key: str) -> None:
@@ -235,6 +243,9 @@ def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Data
     if twice.size:
         text = f"row {twice[0] + 1} has the {time} and the {level} of an earlier one"
         raise refusal("time", text, "have one row for each time and level")
+    order = pd.Series(np.arange(len(index)), index).sort_index().groupby(level=1)
+    if not (order.is_monotonic_increasing.all() or order.is_monotonic_decreasing.all()):
+        raise refusal("time", f"{time} goes back at a level", "increase at each")
     profile = rows.unstack(_ROW)
     for name in (time, level):
         profile[name].attrs = dataset[name].attrs
