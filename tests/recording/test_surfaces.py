@@ -99,6 +99,51 @@ def test_a_ball_as_a_mesh_has_the_distances_of_a_ball(rock, dimension):
     np.testing.assert_array_equal(again.spline.coefficients, found.spline.coefficients)
 
 
+def apart(visual):
+    """Return a box whose faces share no corner, as files with a texture or normals have them."""
+    box = trimesh.creation.box([0.2, 0.2, 0.2])
+    corners = np.asarray(box.triangles).reshape(-1, 3)
+    about = {"vertex_normals": np.repeat(box.face_normals, 3, axis=0)}
+    if visual == "texture":
+        uv = np.random.default_rng(0).random((len(corners), 2))
+        about = {"visual": trimesh.visual.TextureVisuals(uv=uv)}
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    return trimesh.Trimesh(corners, faces, process=False, **about)
+
+
+@pytest.mark.parametrize("ending", ["obj", "glb", "ply", "stl"])
+@pytest.mark.parametrize("visual", ["texture", "normals"])
+def test_corners_of_each_face_belong_to_one_closed_surface(tmp_path, ending, visual):
+    path = tmp_path / f"box.{ending}"
+    apart(visual).export(path)
+    found = read(path, spacing=0.02).spline.at(np.array([[0.0, 0.0, 0.0], [0.12, 0.0, 0.0]]))
+    assert found[0] < -0.05
+    assert found[1] == pytest.approx(0.02, abs=1e-4)
+
+
+BOX, NEAR = trimesh.creation.box([0.2, 0.2, 0.2]), np.array([0.5, 0.0, 0.0])
+BODIES = {
+    "two": (BOX, BOX.copy().apply_translation(NEAR), [-1, 1, -1]),
+    "touching": (BOX, BOX.copy().apply_translation([0.2, 0.2, 0.0]), [-1, 1, 1]),
+    "a hollow": (BOX, trimesh.creation.icosphere(2, 0.06), [1, 1, 1]),
+}
+
+
+@pytest.mark.parametrize("turned", [(), (0,), (1,), (0, 1)])
+@pytest.mark.parametrize(("first", "second", "signs"), BODIES.values(), ids=BODIES)
+def test_each_body_of_a_mesh_has_its_inside(tmp_path, first, second, signs, turned):
+    bodies = [first.copy(), second.copy()]
+    for index in turned:
+        bodies[index].invert()
+    trimesh.util.concatenate(bodies).export(tmp_path / "two.stl")
+    found = read(tmp_path / "two.stl", spacing=0.02)
+    places = np.array([[0.0, 0.0, 0.0], 0.5 * NEAR, NEAR])
+    np.testing.assert_array_equal(np.sign(found.spline.at(places)), signs)
+    # a hollow points inward, and a file that is inside out as a whole needs no note
+    odd = len(turned) == 1 if signs[0] < 0 else turned in ((), (0, 1))
+    assert any("pointed the wrong way" in note for note in found.notes) == odd
+
+
 @pytest.mark.parametrize(
     ("tables", "clear"), [({}, 0.03), ({"tool": {"mass": 0.1, "radius": 0.06}}, 0.08)]
 )
