@@ -234,6 +234,39 @@ def test_heights_and_depths_are_the_same_bed(tmp_path):
     np.testing.assert_allclose(profile.spline.at(places[::2, :1]), [-10.967, -11.0], atol=3e-5)
 
 
+SURE, TAKEN, NEGATIVE = None, "is taken as a", "is negative and is taken as a height"
+NAMES = {
+    ("depth", 1): SURE, ("deptho", 1): SURE, ("elevation", -1): SURE, ("altitude", -1): SURE,
+    ("z", -1): SURE, ("z", 1): TAKEN, ("h", 1): TAKEN, ("h", -1): SURE, ("Bathymetry", 1): TAKEN,
+    ("bathymetry", -1): SURE, ("Band1", 1): TAKEN, ("depth", -1): NEGATIVE,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "sign"), NAMES)
+def test_a_bed_is_below_the_arm_by_any_name(tmp_path, name, sign):
+    found = heights(scenario(bathymetry(tmp_path, np.full((21, 11), sign * 11.0), name)))
+    assert found.spline.at(np.zeros((1, 2))) == pytest.approx(-11.0)
+    note = NAMES[name, sign]
+    assert len(found.notes) == (note is not None)
+    assert all(note in each for each in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("about", "sign"),
+    [
+        ({"standard_name": "sea_floor_depth_below_geoid"}, 1),
+        ({"standard_name": "sea_floor_depth_below_mean_sea_level"}, 1),
+        ({"standard_name": "height_above_geoid"}, -1),
+        ({"positive": "down"}, 1),
+        ({"positive": "up"}, -1),
+    ],
+)
+def test_attributes_of_a_bed_say_where_it_is(tmp_path, about, sign):
+    found = heights(scenario(bathymetry(tmp_path, np.full((21, 11), sign * 11.0), "a", **about)))
+    assert found.spline.at(np.zeros((1, 2))) == pytest.approx(-11.0)
+    assert found.notes == ()
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_debris_is_parked_above_a_bed(tmp_path, dimension):
     case = scenario(bathymetry(tmp_path, np.full((21, 11), -11.0)), dimension)

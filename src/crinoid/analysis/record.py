@@ -30,6 +30,8 @@ _CALM = 0.1
 _GAMMA, _GRAVITY = 3.3, 9.81
 TIDAL = 15 * 86400.0
 """Shortest record of a tide (s): half a month parts the two main constituents, M2 and S2."""
+NO_MEAN = 0.05
+"""A mean velocity of less than this part of the RMS speed is none: nothing is relative to it."""
 _STEADY = 1e-6
 """A standard deviation of less than this part of the largest speed is round-off."""
 _APART = 0.3
@@ -64,7 +66,8 @@ def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -
         found["mean square along it (%)"] = 100 * along
     intensity = turbulence_intensity(record, level)
     if intensity.size:
-        found["turbulence intensity (%)"] = 100 * np.median(intensity)
+        known = intensity[np.isfinite(intensity)]
+        found["turbulence intensity (%)"] = 100 * np.median(known) if known.size else np.nan
     there = np.concatenate([record.time[:1], record.time[~filled], record.time[-1:]])
     found["gaps"] = np.sum(np.diff(filled.astype(int), prepend=0) > 0)
     found["longest gap (s)"] = np.diff(there).max() if filled.any() else 0
@@ -98,15 +101,15 @@ def turbulence_intensity(record: FilledRecord, level: int) -> Float[np.ndarray, 
     That is the standard deviation of the component along the mean velocity over its size (Thomson
     et al., Measurements of turbulence at two tidal energy sites in Puget Sound, IEEE J. Ocean. Eng.
     37 (2012) 363-374). Noise of the instrument counts too. A record of less than ten minutes is one
-    window; samples 1 s apart or more give none.
+    window; samples 1 s apart or more give none, and a window without a mean not a number.
     """
     if interval_of(record) >= _TURBULENT:
         return np.zeros(0)
     windows = _windows(record.velocity[:, level], record.filled[:, level], interval_of(record))
     mean = windows.mean(axis=1)
-    size = np.linalg.norm(mean, axis=1, keepdims=True)
-    along = np.einsum("wtc,wc->wt", windows, mean / np.where(size > 0, size, 1.0))
-    return (along.std(axis=1) / np.where(size > 0, size, np.nan)[:, 0])[size[:, 0] > 0]
+    size = np.linalg.norm(mean, axis=1)
+    size[size <= NO_MEAN * np.sqrt(np.sum(windows**2, axis=2).mean(axis=1))] = np.nan
+    return np.einsum("wtc,wc->wt", windows, mean / size[:, None]).std(axis=1) / size
 
 
 def _windows(
@@ -165,7 +168,7 @@ def record_spectrum(
     if sea is not None:
         return found, sea, "JONSWAP sea of the same peak and variance"
     along = windows[..., 0]
-    if interval >= _TURBULENT or not along.std(axis=1).all():
+    if interval >= _TURBULENT or (along.std(axis=1) <= _STEADY * np.abs(along).max()).any():
         return found, None, ""
     times = [integral_time(series, interval) for series in along]
     mean = windows.mean(axis=(0, 1))
@@ -203,8 +206,6 @@ class Tide(NamedTuple):
     """Semi-major axis of the ellipse of the velocity (m/s)."""
     phase: Float[np.ndarray, " constituent"]
     """Phase lag (degrees): of Greenwich, or, for a record without a date, of its first sample."""
-    shortest: float
-    """Two intervals (s): samples tell no shorter period."""
 
 
 def tide(
@@ -234,7 +235,7 @@ def tide(
     steady = bool(values.std(axis=0).max() <= _STEADY * np.abs(values).max())
     names = [] if steady else _constituents(time, interval)
     if not names:
-        return Tide(np.nan if steady else 0.0, names, np.zeros(0), np.zeros(0), 2 * interval)
+        return Tide(np.nan if steady else 0.0, names, np.zeros(0), np.zeros(0))
     days = time / 86400 if start is None else start + (time * 1e6).astype("timedelta64[us]")
     nodal = start is not None and latitude is not None
     found = utide.solve(
@@ -261,7 +262,6 @@ def tide(
         names=[str(name) for name in found.name],
         amplitude=np.asarray(found.Lsmaj if len(level_parts) > 1 else found.A),
         phase=phase % 360,
-        shortest=2 * interval,
     )
 
 

@@ -24,6 +24,8 @@ _THINNEST = 1e-6
 """Least distance between two levels (m)."""
 _DEPTH = re.compile(r"dep(h|th|tht|thu|thv|thw)?([^a-z].*)?|.*depth.*", re.I)
 """Names of a variable that counts downward from the surface."""
+_UPWARD = re.compile(r"height|altitude|elevation", re.I)
+"""Names of a variable that counts upward."""
 _ABOVE_BED = re.compile(r"height|hab|mab|above|range", re.I)
 """Names of a height above the bed."""
 _FROM_SURFACE = re.compile(
@@ -33,9 +35,10 @@ _FROM_SURFACE = re.compile(
 _HEIGHT = "height of levels by crinoid"
 _TERMS = {"depth": "sea_floor_depth_below_geoid", "eta": "sea_surface_height_above_geoid"}
 """Standard names of terms of a formula, which the library needs and few files have."""
-_DATES = {"days": ((6e5, 9e5), (3e4, 6e4)), "ms": ((1e11, np.inf),)}
-"""Numbers without a unit that look like days of MATLAB or of a spreadsheet, or like milliseconds
-since 1970."""
+_DATES = {"days": ((6e5, 9e5), (3e4, 6e4)), "ms": ((1e11, 1e14),), "us": ((1e14, 1e17),)}
+_DATES["ns"] = ((1e17, np.inf),)
+"""Numbers without a unit that look like days of MATLAB or of a spreadsheet, or like parts of
+seconds since 1970."""
 _CALENDAR = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])([0-2]\d|3[01])(\d{4}){0,2}")
 """Digits of a year, a month and a day, perhaps of hour and minute too, such as 20240301."""
 _COARSE = 0.1
@@ -54,6 +57,9 @@ def find(dataset: xr.Dataset, name: str, key: str, file: str) -> str:
         must = f"name one variable. Several have this standard name: {listed(found)}"
         raise refusal(key, got(name, must))
     names = [str(variable) for variable in dataset.variables]
+    alike = [each for each in names if each.lower() == name.lower()]
+    if key in ("time", "time_column") and len(alike) == 1:
+        return alike[0]
     near = get_close_matches(name, [*names, *standard], n=1)
     hint = f"did you mean {near[0]}?" if near else f"it contains {listed(names) or 'none'}"
     kind = "variable" if Path(file).suffix.lower().startswith(".nc") else "column"
@@ -113,9 +119,7 @@ def seconds(
     return time
 
 
-def check_order(
-    values: np.ndarray, time: Float[np.ndarray, " time"], name: str, key: str
-) -> None:
+def check_order(values: np.ndarray, time: Float[np.ndarray, " time"], name: str, key: str) -> None:
     """Refuse times that repeat or go back; ``time`` has them in seconds since the first."""
     # compared before the subtraction, in which unsigned ones would wrap round
     late = np.flatnonzero(~(values[1:] > values[:-1]))
@@ -135,19 +139,25 @@ def _refuse_dates(values: np.ndarray, name: str, key: str) -> None:
         raise refusal(key, text, "contain ISO dates such as 2024-03-01T06:00")
     for unit, ranges in _DATES.items():
         alike = any(low < values[0] < high for low, high in ranges)
-        if alike and (unit == "ms" or (np.diff(values) < 1).any()):
+        if alike and (unit != "days" or (np.diff(values) < 1).any()):
             hint = f"Call it {name} ({unit}), or write dates."
             raise refusal(key, f"{text} in {unit}", "name its unit", hint)
 
 
-def counts_down(level: xr.DataArray) -> bool:
-    """Return whether levels are depths: by ``positive``, by standard name, or by their name."""
+def counts_down(level: xr.DataArray) -> bool | None:
+    """Return whether levels are depths: by ``positive``, by standard name, or by their name.
+
+    None where none of them says it.
+    """
     positive = str(level.attrs.get("positive", "")).strip().lower()
-    standard = str(level.attrs.get("standard_name", ""))
     if positive in ("up", "down"):
         return positive == "down"
-    named = not standard and _DEPTH.fullmatch(str(level.name))
-    return bool(named) or standard.startswith("depth")
+    for name in (str(level.attrs.get("standard_name", "")), str(level.name)):
+        if _DEPTH.fullmatch(name):
+            return True
+        if _UPWARD.search(name):
+            return False
+    return None
 
 
 def heights(
@@ -167,7 +177,7 @@ def heights(
         moving = moving.where(np.isfinite(moving))
         values = finite_numbers(moving.fillna(moving.mean(str(level.dims[0]))), "vertical", must)
     down = counts_down(level)
-    if down and not level.attrs and values.max(initial=-1.0) <= 0 and values.size > 1:
+    if down and "positive" not in level.attrs and values.size > 1 and values.max() <= 0:
         remarks.append(f"{name} is negative and is taken as a height above the surface")
         down = False
     if origin is None:
@@ -243,9 +253,6 @@ def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Data
     if twice.size:
         text = f"row {twice[0] + 1} has the {time} and the {level} of an earlier one"
         raise refusal("time", text, "have one row for each time and level")
-    order = pd.Series(np.arange(len(index)), index).sort_index().groupby(level=1)
-    if not (order.is_monotonic_increasing.all() or order.is_monotonic_decreasing.all()):
-        raise refusal("time", f"{time} goes back at a level", "increase at each")
     profile = rows.unstack(_ROW)
     for name in (time, level):
         profile[name].attrs = dataset[name].attrs
