@@ -52,7 +52,7 @@ SPOKEN = {
     "as NumPy writes it": "# time (s),u (m/s),w (m/s)\n" + rows(),
     "units in a row of their own": "time,u,w\ns,m/s,m/s\n" + rows(),
     "quoted": '"time [s]","u (m/s)","w (m/s)"\n' + rows(),
-    "units of a server": HEADER.replace(" (m/s)", '[unit="m/s"]').replace(" [s]", "") + rows(),
+    "units of a server": 'time[unit="s"],u[unit="m/s"],w[unit="m/s"]\n' + rows(),
     "a minus of typesetters": "time (s),u (m s\N{MINUS SIGN}1),w (m s\N{MINUS SIGN}1)\n"
     + rows().replace("-", "\N{MINUS SIGN}"),
     "OpenFAST": "\nMade on 1-Mar-2024, by OpenFAST\n\nof a file: test\n\nTime\tu\tw\n(s)\t(m/s)"

@@ -101,7 +101,7 @@ CURRENTS = {
     "a folder": (lambda path: path.mkdir(), {}, "file: a.nc is a folder; must be a CSV"),
     "nanoseconds": (
         NAMES + rows(times=[f"17{index:017d}" for index in range(80)]), {},
-        "time: time names no unit and begins at 17.*, as of a date in ns; .*Call it time .ns."),
+        "time: time names no unit and begins at 1.7e.18, as of a date in ns; .*Call it time .ns."),
     "a file cut short": (cut_short, {}, "file: a.nc is broken or no netCDF file"),
     "no variable": (point, {"velocity": ["uu", "w"]}, 'velocity.0: got "uu", .*; did you mean u'),
     "one standard name of two": (

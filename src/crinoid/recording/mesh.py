@@ -30,7 +30,7 @@ _ROUNDED = 0.05
 _CHECKED = 500
 """Number of places around a mesh where distances on the grid are compared with exact ones."""
 _FEW = 8
-"""Number of triangles of a body that show whether it is inside of another one."""
+"""Number of corners of a body that show whether it is inside of another one."""
 _SHEET = 0.08
 """Half of the thickness by which a solid in a plane is drawn, of the arm's length."""
 
@@ -103,10 +103,7 @@ def _closed_mesh(table: Mesh, notes: list[str]) -> Any:
     if not faces or not finite:
         text = "has no triangle" if not faces else "has a corner that is not finite"
         raise refusal("file", f"{name} {text}", "be a mesh of triangles")
-    turned, bodies = _turned_outward(mesh, name)
-    if 0 < turned.sum() < bodies:
-        text = f"{turned.sum()} of {bodies} bodies of {name} pointed the wrong way and are turned"
-        notes.append(f"{text}: a body inside of another one is a hollow")
+    mesh = _turned_outward(mesh, name, notes)
     turn = Rotation.from_euler(
         "ZYX", (table.pan_deg, -table.tilt_deg, table.roll_deg), degrees=True
     )
@@ -118,36 +115,32 @@ def _closed_mesh(table: Mesh, notes: list[str]) -> Any:
     return mesh
 
 
-def _turned_outward(mesh: Any, name: str) -> tuple[np.ndarray, int]:
-    """Turn bodies that are inside out; return which, and the number of all.
+def _turned_outward(mesh: Any, name: str, notes: list[str]) -> Any:
+    """Return a mesh whose closed bodies point outward, or inward as a hollow of another one."""
+    from trimesh.util import concatenate
 
-    Each body must be closed. One inside of another, or of three others, is a hollow.
-    """
-    from trimesh import graph, grouping
-
-    label = graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
-    # through each edge of a closed body as many faces go one way as the other
-    ways = np.where(mesh.edges[:, 0] < mesh.edges[:, 1], 1, -1)
-    _, edge = grouping.unique_rows(np.column_stack([label[mesh.edges_face], mesh.edges_sorted]))
-    corners = np.asarray(mesh.triangles) - mesh.centroid
-    volume = np.bincount(label, np.linalg.det(corners))
-    if np.bincount(edge, ways).any() or not volume.all():
+    bodies = mesh.split(only_watertight=False, repair=False)
+    if not all(e.is_watertight and e.is_winding_consistent and abs(e.volume) > 0 for e in bodies):
         text = f"{name} has holes, or faces that point in and out"
         hint = "Repair it: in MeshLab close its holes, or trimesh.repair.fill_holes(mesh)."
         raise refusal("file", text, "be a closed surface", hint)
-    order, cuts = np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1]
-    parts, normals = (np.split(of[order], cuts) for of in (corners, np.asarray(mesh.face_normals)))
-    low, high = (np.array([end(part, axis=(0, 1)) for part in parts]) for end in (np.min, np.max))
-    depth = np.zeros(volume.size, int)
-    for inner, part in enumerate(parts):
-        some = part[:: 1 + len(part) // _FEW].reshape(-1, 3)
-        for outer in np.flatnonzero(((low < low[inner]) & (high > high[inner])).all(axis=1)):
-            around = Triangles(parts[outer], np.sign(volume[outer]) * normals[outer])
-            depth[inner] += (around.distance(some) < 0).all()
-    turned: np.ndarray = (volume < 0) != (depth % 2 == 1)
-    wrong = turned[label]
-    mesh.faces = np.where(wrong[:, None], mesh.faces[:, ::-1], mesh.faces)
-    return turned, volume.size
+    low, high = np.moveaxis([each.bounds for each in bodies], 1, 0)
+    wrong = []
+    for index, body in enumerate(bodies):
+        around = ((low < low[index]) & (high > high[index])).all(axis=1)
+        places, hollow = body.vertices[:: 1 + len(body.vertices) // _FEW], False
+        for other in (bodies[at] for at in np.flatnonzero(around)):
+            apart = Triangles(other.triangles, other.face_normals).distance(places)
+            hollow ^= bool((np.sign(other.volume) * apart < 0).all())
+        wrong += [body] if (body.volume < 0) != hollow else []
+    for body in wrong:
+        body.faces = body.faces[:, ::-1]  # invert() leaves normals of a part as they are
+    if 0 < len(wrong) < len(bodies):
+        text = (
+            f"{len(wrong)} of {len(bodies)} bodies of {name} pointed the wrong way and are turned"
+        )
+        notes.append(f"{text}: a body inside of another one is a hollow")
+    return concatenate(bodies)
 
 
 def _of_size(mesh: Any, longest: float) -> Triangles:

@@ -91,8 +91,8 @@ def _are_depths(variable: xr.DataArray, values: np.ndarray, root: float, said: l
     down, name = counts_down(variable), str(variable.name)
     if down is None:
         middle = float(np.median(values))
-        down = middle >= root or (-middle < root and bool(_BATHYMETRY.fullmatch(name)))
-        if down or -middle < root:
+        down = -middle < root and (middle >= root or bool(_BATHYMETRY.fullmatch(name)))
+        if -middle < root:
             way = "depth, positive down" if down else "height, positive up"
             text = f"{name} is taken as a {way}: see its attribute positive, or rename it"
             said.append(f"{text} depth or elevation")
