@@ -102,7 +102,7 @@ CURRENTS = {
     "nanoseconds": (
         NAMES + rows(times=[f"17{index:017d}" for index in range(80)]), {},
         "time: time names no unit and begins at 1.7e.18, as of a date in ns; .*Call it time .ns."),
-    "a file cut short": (cut_short, {}, "file: a.nc is broken or no netCDF file"),
+    "a file cut short": (cut_short, {}, "file: a.nc is broken .NetCDF"),
     "no variable": (point, {"velocity": ["uu", "w"]}, 'velocity.0: got "uu", .*; did you mean u'),
     "one standard name of two": (
         alike, {"velocity": ["sea_water_speed", "0"]}, "velocity.0: .* must name one variable"),

@@ -24,8 +24,6 @@ _THINNEST = 1e-6
 """Least distance between two levels (m)."""
 _DEPTH = re.compile(r"dep(h|th|tht|thu|thv|thw)?([^a-z].*)?|.*depth.*", re.I)
 """Names of a variable that counts downward from the surface."""
-_UPWARD = re.compile(r"height|altitude|elevation", re.I)
-"""Names of a variable that counts upward."""
 _ABOVE_BED = re.compile(r"height|hab|mab|above|range", re.I)
 """Names of a height above the bed."""
 _FROM_SURFACE = re.compile(
@@ -155,7 +153,7 @@ def counts_down(level: xr.DataArray) -> bool | None:
     for name in (str(level.attrs.get("standard_name", "")), str(level.name)):
         if _DEPTH.fullmatch(name):
             return True
-        if _UPWARD.search(name):
+        if _ABOVE_BED.search(name) or _FROM_SURFACE.search(name):
             return False
     return None
 

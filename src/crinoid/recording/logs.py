@@ -131,8 +131,8 @@ def _track(frame: pd.DataFrame, clock: str, topic: str, remarks: list[str]) -> p
     track = frame.set_index(clock).drop(columns={_MEASURED, _LOGGED} - {clock})
     last = np.diff(track.index, append=np.iinfo(np.int64).max) != 0
     if not last.all():
-        text = f"of messages of {topic} at the same time the last counts"
-        text += f": {counted(int((~last).sum()), 'message')} left out"
+        left = counted(int((~last).sum()), "message")
+        text = f"of messages of {topic} at the same time the last counts: {left} left out"
         remarks += [] if text in remarks else [text]
     return track[last]
 

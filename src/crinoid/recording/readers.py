@@ -69,10 +69,7 @@ def read_dataset(file: str) -> xr.Dataset:
     except ScenarioError:
         raise
     except Exception as error:  # libraries raise anything on a damaged file
-        damaged = (
-            f"{path.name} is broken or no {'netCDF' if read is _read_netcdf else 'known'} file"
-        )
-        text = f"{owner} cannot read {path.name}" if owner else damaged
+        text = f"{owner} cannot read {path.name}" if owner else f"{path.name} is broken"
         raise refusal("file", f"{text} ({reason_of(error)})") from error
     if not isinstance(dataset, xr.Dataset):
         text = f"{owner} returns {type(dataset).__name__}"

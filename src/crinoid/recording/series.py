@@ -91,7 +91,7 @@ def fill(
             for level in there[..., component].T
             if not level.all()
         ]
-        if gaps:
+        if gaps and name != "0":
             text = (
                 f"{1 - there[..., component].mean():.2%} of {name} is missing and was filled by "
                 f"straight lines, the longest gap {max(gaps):.4g} s"
