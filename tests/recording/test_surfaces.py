@@ -141,7 +141,7 @@ def test_each_body_of_a_mesh_has_its_inside(tmp_path, first, second, signs, turn
     np.testing.assert_array_equal(np.sign(found.spline.at(places)), signs)
     # a hollow points inward, and a file that is inside out as a whole needs no note
     odd = len(turned) == 1 if signs[0] < 0 else turned in ((), (0, 1))
-    assert any("pointed the wrong way" in note for note in found.notes) == odd
+    assert any("inside out and are turned" in note for note in found.notes) == odd
 
 
 @pytest.mark.parametrize(

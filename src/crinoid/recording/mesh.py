@@ -124,7 +124,7 @@ def _turned_outward(mesh: Any, name: str, notes: list[str]) -> Any:
         text = f"{name} has holes, or faces that point in and out"
         hint = "Repair it: in MeshLab close its holes, or trimesh.repair.fill_holes(mesh)."
         raise refusal("file", text, "be a closed surface", hint)
-    low, high = np.moveaxis([each.bounds for each in bodies], 1, 0)
+    low, high = np.array([each.bounds for each in bodies]).swapaxes(0, 1)
     wrong = []
     for index, body in enumerate(bodies):
         around = ((low < low[index]) & (high > high[index])).all(axis=1)
@@ -136,9 +136,7 @@ def _turned_outward(mesh: Any, name: str, notes: list[str]) -> Any:
     for body in wrong:
         body.faces = body.faces[:, ::-1]  # invert() leaves normals of a part as they are
     if 0 < len(wrong) < len(bodies):
-        text = (
-            f"{len(wrong)} of {len(bodies)} bodies of {name} pointed the wrong way and are turned"
-        )
+        text = f"{len(wrong)} of {len(bodies)} bodies of {name} were inside out and are turned"
         notes.append(f"{text}: a body inside of another one is a hollow")
     return concatenate(bodies)
 
