@@ -52,7 +52,8 @@ def test_statistics_of_a_known_series():
     assert found.integral_length[0] == pytest.approx(0.5 * found.integral_time[0])
     assert np.isnan(found.integral_time[1])  # what is steady has none
     # without a mean there is no intensity
-    found = statistics(np.stack([np.tile([1.0, -1.0], 50), np.zeros(100)], axis=1), 0.1)
+    swing = 1e-3 + np.tile([1.0, -1.0], 50)
+    found = statistics(np.stack([swing, np.zeros(100)], axis=1), 0.1)
     assert np.isnan(found.intensity).all()
     assert np.isnan(found.integral_length).all()
 

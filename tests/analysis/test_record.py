@@ -159,6 +159,46 @@ def test_the_tide_has_the_constituents_of_which_it_is_made(dated):
     assert found.share == pytest.approx(variance / (variance + 0.05**2 / 2), abs=1e-3)
 
 
+DAY, S2 = 86400.0, 43200.0
+FORTNIGHT = 1 / (1 / S2 - 1 / M2)
+"""Period (s) of spring and neap tide, that of the constituent MSF."""
+SAMPLED = {
+    "days, of spring and neap": (np.arange(400) * DAY, FORTNIGHT, "MSF"),
+    "six hours": (np.arange(240) * DAY / 4, M2, "M2"),
+    "hours": (np.arange(720) * DAY / 24, M2, "M2"),
+    "hours with gaps": (np.delete(np.arange(720), np.r_[200:260, 500:530]) * DAY / 24, M2, "M2"),
+    "hours of the day alone": (np.arange(1440)[np.arange(1440) % 24 < 9] * DAY / 24, M2, "M2"),
+}
+
+
+@pytest.mark.parametrize(("time", "period", "name"), SAMPLED.values(), ids=SAMPLED)
+def test_a_tide_has_no_constituent_that_its_samples_cannot_tell_from_others(time, period, name):
+    pytest.importorskip("utide", reason="needs utide")
+    noise = 0.02 * np.random.default_rng(3).normal(size=time.size)
+    east = 0.2 + 0.5 * np.cos(2 * np.pi * time / period) + noise
+    found = tide(recorded(time, east, 0.0, 0.0), 0, None, None)
+    assert found.names[0] == name
+    assert found.amplitude[0] == pytest.approx(0.5, abs=0.02)
+    assert found.amplitude[1:].max() < 0.02
+    assert found.share == pytest.approx(1 - 0.02**2 / np.var(east), abs=2e-3)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3])
+def test_a_steady_record_has_no_tide_and_no_model(speed):
+    pytest.importorskip("utide", reason="needs utide")
+    found = tide(recorded(np.arange(720) * 3600.0, speed, 0.0, 0.0), 0, None, None)
+    assert (found.names, found.amplitude.size) == ([], 0)
+    assert np.isnan(found.share)
+    assert record_spectrum(recorded(np.arange(480) / 8, speed, 0.0), 0)[1] is None
+
+
+def test_without_a_mean_no_intensity_is_defined():
+    time = np.arange(0, 600, 0.5)
+    swing = recorded(time, 1e-4 + np.sin(2 * np.pi * time / 10), 0.0)
+    assert np.isnan(turbulence_intensity(swing, 0)).all()
+    assert np.isnan(record_statistics(swing, 0, ("x", "z"))["turbulence intensity (%)"])
+
+
 def test_a_profile_has_the_speed_of_each_level_in_order_of_height():
     time = np.arange(0.0, 500.0)
     record = recorded(time, 0.5, 0.0, levels=[-2.0, -4.0, -6.0])
@@ -243,6 +283,17 @@ def test_a_spreadsheet_of_speeds_and_directions_is_summed_up(here):
     assert 'speed = "speed"' in table
     played = Scenario.from_toml(f"{table}\n[simulation]\nduration = 1.0\n")
     assert Scenario.from_toml(played.to_toml()) == played
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_a_record_lacks_is_said_and_no_warning_is_left(here):
+    rows = "".join(f"{k},0.0,0.0\n" for k in range(400))
+    (here / "still.csv").write_text(f"time (hours since 3000-01-01),u (m/s),w (m/s)\n{rows}")
+    written = succeeded("flow", "still.csv")
+    assert "tide: none, the current is steady" in written
+    days = "".join(f"{k},{np.sin(k)},0\n" for k in range(40))
+    (here / "days.csv").write_text(f"time (days),u (m/s),w (m/s)\n{days}")
+    assert "no constituent with a period below 48 h, two intervals" in succeeded("flow", "days.csv")
 
 
 @pytest.mark.parametrize("unit", ["s since midnight", "months since 2024-01-01"])

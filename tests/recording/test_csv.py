@@ -52,6 +52,14 @@ SPOKEN = {
     "as NumPy writes it": "# time (s),u (m/s),w (m/s)\n" + rows(),
     "units in a row of their own": "time,u,w\ns,m/s,m/s\n" + rows(),
     "quoted": '"time [s]","u (m/s)","w (m/s)"\n' + rows(),
+    "units of a server": 'time[unit="s"],u[unit="m/s"],w[unit="m/s"]\n' + rows(),
+    "a minus of typesetters": "time (s),u (m s\N{MINUS SIGN}1),w (m s\N{MINUS SIGN}1)\n"
+    + rows().replace("-", "\N{MINUS SIGN}"),
+    "OpenFAST": "\nMade on 1-Mar-2024, by OpenFAST\n\nof a file: test\n\nTime\tu\tw\n(s)\t(m/s)"
+    + "\t(m/s)\n" + rows().replace(",", "\t"),
+    "Time for time": HEADER.replace("time", "Time") + rows(),
+    "rostopic": "%" + HEADER.replace("[s]", "(ns)")
+    + rows(times=[f"{1_700_000_000_000_000_000 + int(1e9 * time)}" for time in TIME]),
     "a separator at the end of each line": HEADER.strip() + ",\n" + rows(end=",\n"),
     "ISO dates": "time,u (m/s),w (m/s)\n" + rows(times=[str(date) for date in DATES]),
     "dates with a blank and a zone": "time,u (m/s),w (m/s)\n"
@@ -165,6 +173,35 @@ def test_rows_that_lack_a_value_are_left_out_and_a_note_says_so(csv):
     assert Prepared(moved(path)).notes() == [
         "base.motion.0: 1 of 4 rows lacks a value and is left out, the longest gap 14 s"
     ]
+
+
+ROWS = [f"{k / 10},{0.2 * np.sin(2 * np.pi * k / 80):.4f},-10\n" for k in range(250)]
+
+
+@pytest.mark.parametrize("kind", ["motion", "path"])
+def test_rows_that_are_absent_are_said(csv, kind):
+    path = csv("time (s),x (m),z (m)\n" + "".join(ROWS[:60] + ROWS[120:]))
+    target = Scenario(target={"path": "file", "file": str(path)})
+    case = moved(path, value_column="x") if kind == "motion" else target
+    (note,) = Prepared(case).notes()
+    text = "60 rows are absent at the usual interval of 0.1 s, the longest gap 6.1 s, from 5.9 s on"
+    assert note.endswith(text)
+    # points at uneven times have no usual interval
+    path.write_text("time (s),x (m),z (m)\n0,0,-10\n1,0,-10\n5,0,-10\n20,0,-10\n")
+    assert Prepared(case).notes() == []
+
+
+@pytest.mark.parametrize("kind", ["file", "vessel"])
+def test_a_shift_that_counts_from_afar_is_said(csv, kind):
+    path = str(csv("time (s),depth (m)\n0,10.2\n10,10.4\n20,10.3\n"))
+    motion = {"kind": "file", "channel": "heave", "value_column": "depth"}
+    if kind == "vessel":
+        columns = {"surge": "0", "pitch": "0", "heave": "-depth"}
+        motion = {"kind": "vessel", "columns": columns}
+    base = {"motion": [{"file": path} | motion]}
+    (note,) = Prepared(Scenario(base=base, simulation={"duration": 20.0})).notes()
+    said = {"file": "depth is 10.2 m", "vessel": "heave is -10.2 m"}[kind]
+    assert f"{said} when the run starts, and the base moves by it" in note
 
 
 def test_a_heading_that_wraps_goes_on_by_the_shorter_way(csv):

@@ -12,6 +12,9 @@ from crinoid.foundation.axes import ANGLES
 from crinoid.inverse.marker import Marker
 from crinoid.inverse.record import read_record
 from crinoid.recording import read_dataset
+from crinoid.recording.numbers import Column
+from crinoid.recording.series import read_series
+from crinoid.recording.units import length_factor
 from crinoid.scenario import Scenario
 from crinoid.view.export import write_mcap
 from helpers.planar_result import swaying_arm
@@ -27,6 +30,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 SECOND = 10**9
 STAMP = 1_760_000_000 * SECOND
 """A date (ns since 1970)."""
+X = Column("value_column", "/other.pose.position.x", length_factor, "m", 1e3)
 RUNS = {2: swaying_arm, 3: curling_arm}
 TWO, THREE = (get_typestore(each) for each in (Stores.ROS2_HUMBLE, Stores.ROS1_NOETIC))
 
@@ -230,15 +234,43 @@ def test_without_times_of_measurement_those_of_the_log_count(tmp_path):
     assert found["slide"].attrs["units"] == "m"
 
 
+def at_stamps(order):
+    """Return messages of the tip, received in turn, whose stamps have an order."""
+    return [
+        (STAMP + k * SECOND, "/tip/pose", pose(int(TIP[at]), PLACES[at]))
+        for k, at in enumerate(order)
+    ]
+
+
+def test_stamps_that_go_back_are_refused_and_not_sorted(tmp_path):
+    line = mistake(read_dataset, str(bag(tmp_path / "a", at_stamps([0, 1, 3, 2, 4]), version=9)))
+    text = "file: time of measurement of /tip/pose goes back at entry 3, 0.3 s after the first"
+    assert line == f"{text}; must increase"
+    # a topic that has no role is refused where it is used
+    others = [(time, "/other", each) for time, _, each in at_stamps([0, 1, 3, 2, 4])]
+    path = str(bag(tmp_path / "b", [*motion(), *others], version=9))
+    assert mistake(read_series, path, "/other.time", [X], 0.0).startswith(
+        "time_column: /other.time goes back at entry 3, 0.3 s after the first"
+    )
+
+
+def test_of_messages_with_one_stamp_the_last_counts_and_is_said(tmp_path):
+    path = bag(tmp_path / "a", at_stamps([0, 1, 1, 1, 2]), version=9)
+    record = read_record(path, Scenario(arm={"dimension": 2}), inputs("slide"))
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2], atol=1e-12)
+    text = "of messages of /tip/pose at the same time the last counts: 2 messages left out"
+    assert record.notes.count(text) == 1
+
+
 def test_what_is_no_log_is_refused_in_a_line(tmp_path, monkeypatch):
     talk = bag(tmp_path / "talk", [(STAMP, "/talk", text("hello"))], version=9)
     line = mistake(read_dataset, str(talk))
     assert "must have a topic of stamped geometry or of JointState" in line
     (talk / "talk.db3").unlink()
-    assert mistake(read_dataset, str(talk)).startswith("file: talk is broken or no known file (")
+    assert mistake(read_dataset, str(talk)).startswith("file: talk is broken (")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(b"\x89MCAP0\r\nabc")
-    assert mistake(read_dataset, str(cut)).startswith("file: cut.mcap is broken or no known file (")
+    assert mistake(read_dataset, str(cut)).startswith("file: cut.mcap is broken (")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     line = mistake(read_dataset, str(cut))
     assert line.endswith('reading it needs rosbags: pip install "crinoid[ros]"')

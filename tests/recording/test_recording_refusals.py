@@ -99,12 +99,16 @@ SAID = "far from its other numbers"
 CURRENTS = {
     "no file": (lambda path: None, {}, "file: .*a.nc: no such file"),
     "a folder": (lambda path: path.mkdir(), {}, "file: a.nc is a folder; must be a CSV"),
-    "a file cut short": (cut_short, {}, "file: a.nc is broken or no netCDF file"),
+    "nanoseconds": (
+        NAMES + rows(times=[f"17{index:017d}" for index in range(80)]), {},
+        "time: time names no unit and begins at 1.7e.18, as of a date in ns; .*Call it time .ns."),
+    "a file cut short": (cut_short, {}, "file: a.nc is broken .NetCDF"),
     "no variable": (point, {"velocity": ["uu", "w"]}, 'velocity.0: got "uu", .*; did you mean u'),
     "one standard name of two": (
         alike, {"velocity": ["sea_water_speed", "0"]}, "velocity.0: .* must name one variable"),
     "times that repeat": (values("time", np.where(N == 17, 16.0, N)), {}, "time: time repeats at "),
-    "times that go back": (values("time", N[::-1]), {}, "time: time goes back at entry 1"),
+    "times that go back": (
+        values("time", N[::-1]), {}, "time: time goes back at entry 1, 0 s after the first; must"),
     "steps of 1e300 s": (values("time", 1e300 * N), {}, "time: time has steps of 1e.300"),
     "steps of nothing": (values("time", 1e-300 * N), {}, "time: time has steps of 1e-300"),
     "an infinite time": (values("time", [*N[:99], np.inf]), {}, "time: time has a missing"),
@@ -175,6 +179,25 @@ def test_a_current_that_does_not_fit_is_refused_in_one_line(tmp_path, file, keys
     path.write_text(file) if isinstance(file, str) else file(path)
     said = refusal(measured(path, **keys))
     assert re.match(rf"flow\.0\.{line}", said), said
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        ("a.xlsx", 'pandas.read_excel(file).to_csv("a.csv", index=False)'),
+        ("a.npy", "numpy.load"),
+        ("a.mat", "loadmat"),
+        ("a.tif", 'xarray.open_dataset(file, engine="rasterio").to_netcdf("a.nc")'),
+        ("a.xyz", "pandas.read_csv(file, names="),
+        ("a.zarr", "xarray.open_zarr(file)"),
+    ],
+)
+def test_another_format_is_refused_with_those_that_are_read(tmp_path, name, way):
+    path = tmp_path / name
+    path.mkdir() if name == "a.zarr" else path.write_bytes(b"1 2 3\n")
+    said = refusal(measured(path))
+    assert "must be a CSV or netCDF file (.csv, .tsv, .txt, .dat, .out, .nc), or a log of" in said
+    assert way in said
 
 
 @pytest.mark.parametrize("name", ["pipe.csv", "pipe.nc", "/dev/zero"])

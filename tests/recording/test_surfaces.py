@@ -99,6 +99,51 @@ def test_a_ball_as_a_mesh_has_the_distances_of_a_ball(rock, dimension):
     np.testing.assert_array_equal(again.spline.coefficients, found.spline.coefficients)
 
 
+def apart(visual):
+    """Return a box whose faces share no corner, as files with a texture or normals have them."""
+    box = trimesh.creation.box([0.2, 0.2, 0.2])
+    corners = np.asarray(box.triangles).reshape(-1, 3)
+    about = {"vertex_normals": np.repeat(box.face_normals, 3, axis=0)}
+    if visual == "texture":
+        uv = np.random.default_rng(0).random((len(corners), 2))
+        about = {"visual": trimesh.visual.TextureVisuals(uv=uv)}
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    return trimesh.Trimesh(corners, faces, process=False, **about)
+
+
+@pytest.mark.parametrize("ending", ["obj", "glb", "ply", "stl"])
+@pytest.mark.parametrize("visual", ["texture", "normals"])
+def test_corners_of_each_face_belong_to_one_closed_surface(tmp_path, ending, visual):
+    path = tmp_path / f"box.{ending}"
+    apart(visual).export(path)
+    found = read(path, spacing=0.02).spline.at(np.array([[0.0, 0.0, 0.0], [0.12, 0.0, 0.0]]))
+    assert found[0] < -0.05
+    assert found[1] == pytest.approx(0.02, abs=1e-4)
+
+
+BOX, NEAR = trimesh.creation.box([0.2, 0.2, 0.2]), np.array([0.5, 0.0, 0.0])
+BODIES = {
+    "two": (BOX, BOX.copy().apply_translation(NEAR), [-1, 1, -1]),
+    "touching": (BOX, BOX.copy().apply_translation([0.2, 0.2, 0.0]), [-1, 1, 1]),
+    "a hollow": (BOX, trimesh.creation.icosphere(2, 0.06), [1, 1, 1]),
+}
+
+
+@pytest.mark.parametrize("turned", [(), (0,), (1,), (0, 1)])
+@pytest.mark.parametrize(("first", "second", "signs"), BODIES.values(), ids=BODIES)
+def test_each_body_of_a_mesh_has_its_inside(tmp_path, first, second, signs, turned):
+    bodies = [first.copy(), second.copy()]
+    for index in turned:
+        bodies[index].invert()
+    trimesh.util.concatenate(bodies).export(tmp_path / "two.stl")
+    found = read(tmp_path / "two.stl", spacing=0.02)
+    places = np.array([[0.0, 0.0, 0.0], 0.5 * NEAR, NEAR])
+    np.testing.assert_array_equal(np.sign(found.spline.at(places)), signs)
+    # a hollow points inward, and a file that is inside out as a whole needs no note
+    odd = len(turned) == 1 if signs[0] < 0 else turned in ((), (0, 1))
+    assert any("inside out and are turned" in note for note in found.notes) == odd
+
+
 @pytest.mark.parametrize(
     ("tables", "clear"), [({}, 0.03), ({"tool": {"mass": 0.1, "radius": 0.06}}, 0.08)]
 )
@@ -187,6 +232,39 @@ def test_heights_and_depths_are_the_same_bed(tmp_path):
     np.testing.assert_allclose(down.spline.at(places), up.spline.at(places), atol=1e-9)
     profile = heights(scenario(bathymetry(tmp_path, slope), 2))
     np.testing.assert_allclose(profile.spline.at(places[::2, :1]), [-10.967, -11.0], atol=3e-5)
+
+
+SURE, TAKEN, NEGATIVE = None, "is taken as a", "is negative and is taken as a height"
+NAMES = {
+    ("depth", 1): SURE, ("deptho", 1): SURE, ("elevation", -1): SURE, ("altitude", -1): SURE,
+    ("z", -1): SURE, ("z", 1): TAKEN, ("h", 1): TAKEN, ("h", -1): SURE, ("Bathymetry", 1): TAKEN,
+    ("bathymetry", -1): SURE, ("Band1", 1): TAKEN, ("depth", -1): NEGATIVE,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "sign"), NAMES)
+def test_a_bed_is_below_the_arm_by_any_name(tmp_path, name, sign):
+    found = heights(scenario(bathymetry(tmp_path, np.full((21, 11), sign * 11.0), name)))
+    assert found.spline.at(np.zeros((1, 2))) == pytest.approx(-11.0)
+    note = NAMES[name, sign]
+    assert len(found.notes) == (note is not None)
+    assert all(note in each for each in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("about", "sign"),
+    [
+        ({"standard_name": "sea_floor_depth_below_geoid"}, 1),
+        ({"standard_name": "sea_floor_depth_below_mean_sea_level"}, 1),
+        ({"standard_name": "height_above_geoid"}, -1),
+        ({"positive": "down"}, 1),
+        ({"positive": "up"}, -1),
+    ],
+)
+def test_attributes_of_a_bed_say_where_it_is(tmp_path, about, sign):
+    found = heights(scenario(bathymetry(tmp_path, np.full((21, 11), sign * 11.0), "a", **about)))
+    assert found.spline.at(np.zeros((1, 2))) == pytest.approx(-11.0)
+    assert found.notes == ()
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

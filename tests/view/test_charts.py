@@ -178,6 +178,15 @@ def test_contact_with_itself_is_measured_and_in_the_table():
     assert "smallest gap from hull" not in rows
 
 
+def test_loads_of_round_off_are_0_without_a_prefix():
+    result = made_result(crinoid.Scenario(arm={"nodes": 6}, simulation={"duration": 2.0}))
+    size = np.array([0.898e-9, 0.0])
+    result.dataset = result.dataset.assign(base_force=0 * result.dataset["base_force"] + size)
+    rows = {row[0]: row[1:] for row in summary(result).rows}
+    loads = [cells for name, cells in rows.items() if "force on" in name]
+    assert loads == [["0 N"]] * len(loads) != []
+
+
 TIME = np.linspace(0.0, 10.0, 501)
 
 

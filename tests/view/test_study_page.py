@@ -92,6 +92,13 @@ def test_shares_of_the_variance_are_the_indices_of_known_functions():
     assert {name: e.share for name, e in found.items()} == pytest.approx(expected, abs=1e-9)
 
 
+def test_seeds_alone_have_no_share_of_the_variance():
+    values = np.random.default_rng(0).normal(size=60)
+    seeds = key_of("seed", [str(n) for n in range(60)])
+    assert effects([seeds], values) == {}
+    assert set(effects([seeds, key_of("a", ["1", "2"] * 30)], values)) == {"seed", "a"}
+
+
 def test_keys_that_never_repeat_have_no_share(tmp_path):
     study = study_of(study_of_rows(tmp_path, [study_row(n) for n in range(1, 6)]))
     assert [effects_of(study, each) for each in study.measures] == [[]] * 5

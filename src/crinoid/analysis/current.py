@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from crinoid.analysis.record import NO_MEAN
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import System
@@ -36,7 +37,7 @@ class Statistics(NamedTuple):
     standard_deviation: Float[np.ndarray, " axis"]
     """Standard deviation about the mean velocity (m/s)."""
     intensity: Float[np.ndarray, " axis"]
-    """Standard deviation over the size of the mean velocity."""
+    """Standard deviation over the size of the mean velocity, if there is one."""
     integral_time: Float[np.ndarray, " axis"]
     """How long the current remembers itself (s): see `integral_time`."""
     integral_length: Float[np.ndarray, " axis"]
@@ -48,7 +49,7 @@ def statistics(velocity: Float[np.ndarray, "time axis"], interval: float) -> Sta
     mean, deviation = velocity.mean(axis=0), velocity.std(axis=0)
     speed = np.linalg.norm(velocity, axis=1)
     carried = float(np.linalg.norm(mean))
-    if carried <= _STEADY * speed.max():
+    if carried <= NO_MEAN * np.sqrt(np.mean(speed**2)):
         carried = np.nan
     times = np.full(mean.shape, np.nan)
     for axis, series in enumerate(velocity.T):

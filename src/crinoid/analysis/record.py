@@ -30,6 +30,12 @@ _CALM = 0.1
 _GAMMA, _GRAVITY = 3.3, 9.81
 TIDAL = 15 * 86400.0
 """Shortest record of a tide (s): half a month parts the two main constituents, M2 and S2."""
+NO_MEAN = 0.05
+"""A mean velocity of less than this part of the RMS speed is none: nothing is relative to it."""
+_STEADY = 1e-6
+"""A standard deviation of less than this part of the largest speed is round-off."""
+_APART = 0.3
+"""Least part of a constituent's samples that no other one explains."""
 _BINS = 15
 """Fewest bins of speed up to the largest."""
 
@@ -60,7 +66,8 @@ def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -
         found["mean square along it (%)"] = 100 * along
     intensity = turbulence_intensity(record, level)
     if intensity.size:
-        found["turbulence intensity (%)"] = 100 * np.median(intensity)
+        known = intensity[np.isfinite(intensity)]
+        found["turbulence intensity (%)"] = 100 * np.median(known) if known.size else np.nan
     there = np.concatenate([record.time[:1], record.time[~filled], record.time[-1:]])
     found["gaps"] = np.sum(np.diff(filled.astype(int), prepend=0) > 0)
     found["longest gap (s)"] = np.diff(there).max() if filled.any() else 0
@@ -94,15 +101,15 @@ def turbulence_intensity(record: FilledRecord, level: int) -> Float[np.ndarray, 
     That is the standard deviation of the component along the mean velocity over its size (Thomson
     et al., Measurements of turbulence at two tidal energy sites in Puget Sound, IEEE J. Ocean. Eng.
     37 (2012) 363-374). Noise of the instrument counts too. A record of less than ten minutes is one
-    window; samples 1 s apart or more give none.
+    window; samples 1 s apart or more give none, and a window without a mean not a number.
     """
     if interval_of(record) >= _TURBULENT:
         return np.zeros(0)
     windows = _windows(record.velocity[:, level], record.filled[:, level], interval_of(record))
     mean = windows.mean(axis=1)
-    size = np.linalg.norm(mean, axis=1, keepdims=True)
-    along = np.einsum("wtc,wc->wt", windows, mean / np.where(size > 0, size, 1.0))
-    return (along.std(axis=1) / np.where(size > 0, size, np.nan)[:, 0])[size[:, 0] > 0]
+    size = np.linalg.norm(mean, axis=1)
+    size[size <= NO_MEAN * np.sqrt(np.sum(windows**2, axis=2).mean(axis=1))] = np.nan
+    return np.einsum("wtc,wc->wt", windows, mean / size[:, None]).std(axis=1) / size
 
 
 def _windows(
@@ -161,7 +168,7 @@ def record_spectrum(
     if sea is not None:
         return found, sea, "JONSWAP sea of the same peak and variance"
     along = windows[..., 0]
-    if interval >= _TURBULENT or not along.std(axis=1).all():
+    if interval >= _TURBULENT or (along.std(axis=1) <= _STEADY * np.abs(along).max()).any():
         return found, None, ""
     times = [integral_time(series, interval) for series in along]
     mean = windows.mean(axis=(0, 1))
@@ -193,7 +200,7 @@ class Tide(NamedTuple):
     """Harmonic constituents of a record, the strongest first."""
 
     share: float
-    """Share of the horizontal variance that they explain."""
+    """Share of the horizontal variance that they explain; not a number of a steady record."""
     names: list[str]
     amplitude: Float[np.ndarray, " constituent"]
     """Semi-major axis of the ellipse of the velocity (m/s)."""
@@ -206,8 +213,9 @@ def tide(
 ) -> Tide:
     """Analyse the tide of a record by harmonic constituents (D. L. Codiga's UTide, 2011).
 
-    Means over ten minutes, without filled values, are analysed. Nodal corrections need the date of
-    the first sample and the latitude (degrees).
+    Means over ten minutes, without filled values, are analysed. The constituents are those that the
+    length, the interval and the gaps of the record can tell apart; none of a steady record. Nodal
+    corrections need the date of the first sample and the latitude (degrees).
 
     Raises
     ------
@@ -222,11 +230,18 @@ def tide(
     columns = [record.time, *record.velocity[:, level].T]
     time, *parts = (np.bincount(place, column[measured]) / count for column in columns)
     level_parts = parts[: len(parts) - 1]  # the last one is up
+    values = np.column_stack(level_parts)
+    interval = float(np.median(np.diff(time)))
+    steady = bool(values.std(axis=0).max() <= _STEADY * np.abs(values).max())
+    names = [] if steady else _constituents(time, interval)
+    if not names:
+        return Tide(np.nan if steady else 0.0, names, np.zeros(0), np.zeros(0))
     days = time / 86400 if start is None else start + (time * 1e6).astype("timedelta64[us]")
     nodal = start is not None and latitude is not None
     found = utide.solve(
         days,
         *level_parts,
+        constit=names,
         lat=latitude if nodal else 45.0,
         nodal=nodal,
         epoch="python" if start is None else None,
@@ -238,7 +253,6 @@ def tide(
     frequency = 24 * np.asarray(found.aux.frq)  # per day
     angle = 2 * np.pi * np.outer(time / 86400, frequency)
     basis = np.column_stack([np.ones(time.size), np.cos(angle), np.sin(angle)])
-    values = np.column_stack(level_parts)
     left = values - basis @ np.linalg.lstsq(basis, values)[0]
     phase = np.asarray(found.g)
     if start is None:  # from the middle of the record to its first sample
@@ -249,6 +263,26 @@ def tide(
         amplitude=np.asarray(found.Lsmaj if len(level_parts) > 1 else found.A),
         phase=phase % 360,
     )
+
+
+def _constituents(time: Float[np.ndarray, " time"], interval: float) -> list[str]:
+    """Return the constituents that samples at these times (s) can tell apart, by importance.
+
+    Two differ by a period over the record (Rayleigh's criterion), those above half the sampling
+    rate look like slower ones, and gaps may make others alike.
+    """
+    from utide import ut_constants
+
+    known, length = ut_constants.const, np.ptp(time) + interval
+    apart, rate = known.df / 3600, known.freq / 3600  # from those that matter more; Hz
+    order = np.argsort(-apart, kind="stable")
+    clear = (apart >= 1 / length) & (rate + 0.5 / length <= 0.5 / interval)
+    order = order[clear[order]][: time.size // 4]
+    angle = 2 * np.pi * np.outer(time, rate[order])
+    basis = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(time.size, -1)
+    own = np.abs(np.diag(np.linalg.qr(np.column_stack([np.ones(time.size), basis]), mode="r")))[1:]
+    sound = own.reshape(-1, 2).min(axis=1) > _APART * np.sqrt(time.size / 2)
+    return [str(name) for name in known.name[order[sound]]]
 
 
 def record_dataset(record: FilledRecord, level: int, axes: tuple[str, ...]) -> xr.Dataset:

@@ -66,7 +66,9 @@ def _current_table(data: xr.Dataset, time: np.ndarray, places: list[Statistics])
 
 
 def _vector(values: np.ndarray, unit: str, digits: int = 3) -> str:
-    """Return the values of all axes; a dash for an unknown one."""
+    """Return the values of all axes; a dash for an unknown one, a word for none."""
+    if np.isnan(values).all():
+        return "not defined"
     texts = ("-" if np.isnan(value) else f"{value + 0.0:.{digits}f}" for value in values)
     return f"{', '.join(texts)} {unit}"
 

@@ -159,7 +159,9 @@ def flow(
 ) -> None:
     """Draw and sum up the current of a scenario at its arm, or a record of the sea by itself."""
     folder = folder_for(out, scenario, "-flow", settings)
-    if Path(scenario).suffix.lower() not in ("", ".toml") and Path(scenario).is_file():
+    path = Path(scenario)
+    bag = (path / "metadata.yaml").is_file()
+    if bag or (path.suffix.lower() not in ("", ".toml") and path.exists()):
         with Loading():
             from crinoid.cli.record import show_record
 

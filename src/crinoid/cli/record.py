@@ -1,6 +1,7 @@
 """A look at a record of the sea, without a scenario: its variables, numbers, tide and figure."""
 
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,8 @@ _READING = (
 )
 """Keys of a measured flow that say how its file is read."""
 _PLAIN = Unit(1.0, "")
+_TIDES = 6 * 3600.0
+"""Interval (s) from which on samples are too far apart for most tides."""
 _CONSTITUENTS = 6
 """Constituents that are listed at most."""
 _HEAD = table_head([SPEED, SHARE])
@@ -132,12 +135,14 @@ def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
 def _numbers(record: FilledRecord, places: list[int], axes: tuple[str, ...]) -> Table:
     """Return the statistics of some levels."""
     columns = [record_statistics(record, level, axes) for level in places]
-    rows = [
-        (name, *(_PLAIN.number(column[name] + 0.0) for column in columns)) for name in columns[0]
-    ]
+    rows = [(name, *(_text(column[name]) for column in columns)) for name in columns[0]]
     if record.levels is None:
         return new_table(None, (), rows, show_header=False)
     return new_table(None, ("", *(f"z = {record.levels[at]:.4g} m" for at in places)), rows)
+
+
+def _text(value: float) -> str:
+    return "not defined" if np.isnan(value) else _PLAIN.number(value + 0.0)
 
 
 def _extent(record: FilledRecord, start: np.datetime64 | None, middle: int) -> list[str]:
@@ -164,7 +169,9 @@ def _start(clock: xr.DataArray) -> np.datetime64 | None:
     attributes = {key: clock.attrs[key] for key in ("units", "calendar") if key in clock.attrs}
     first = xr.Dataset({"first": ("time", clock.values[:1], attributes)})
     try:
-        date = xr.decode_cf(first)["first"].values[0]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", xr.SerializationWarning)  # of years as far as 3000
+            date = xr.decode_cf(first)["first"].values[0]
     except ValueError:  # such as months, or seconds since midnight
         return None
     return date.astype("datetime64[us]") if isinstance(date, np.datetime64) else None
@@ -188,11 +195,18 @@ def _tide(
         found = tide(record, level, start, latitude)
     except ImportError:
         return ["tide: not analysed, it needs utide (pip install 'crinoid[tide]')"]
+    if np.isnan(found.share):
+        return ["tide: none, the current is steady"]
+    short = f"no constituent with a period below {interval_of(record) / 1800:.4g} h, two intervals"
+    if not found.names:
+        return [f"tide: none, samples show {short}"]
     phase = "first sample" if start is None else "Greenwich"
     nodal = "" if start is not None and latitude is not None else ", without nodal corrections"
     lines = [
         f"tide: {len(found.names)} constituents explain {found.share:.1%} of the variance; "
         f"semi-major axes, phase lags of {phase}{nodal}"
     ]
+    if interval_of(record) >= _TIDES:
+        lines.append(f"samples show {short}: faster tides look like these, unless they are means")
     table = zip(found.names, found.amplitude, found.phase, strict=True)
     return lines + [f"  {n:5}{a:.3f} m/s {p:4.0f} deg" for n, a, p in list(table)[:_CONSTITUENTS]]

@@ -33,9 +33,10 @@ _FROM_SURFACE = re.compile(
 _HEIGHT = "height of levels by crinoid"
 _TERMS = {"depth": "sea_floor_depth_below_geoid", "eta": "sea_surface_height_above_geoid"}
 """Standard names of terms of a formula, which the library needs and few files have."""
-_DATES = {"days": ((6e5, 9e5), (3e4, 6e4)), "ms": ((1e11, np.inf),)}
-"""Numbers without a unit that look like days of MATLAB or of a spreadsheet, or like milliseconds
-since 1970."""
+_DATES = {"days": ((6e5, 9e5), (3e4, 6e4)), "ms": ((1e11, 1e14),), "us": ((1e14, 1e17),)}
+_DATES["ns"] = ((1e17, np.inf),)
+"""Numbers without a unit that look like days of MATLAB or of a spreadsheet, or like parts of
+seconds since 1970."""
 _CALENDAR = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])([0-2]\d|3[01])(\d{4}){0,2}")
 """Digits of a year, a month and a day, perhaps of hour and minute too, such as 20240301."""
 _COARSE = 0.1
@@ -54,6 +55,9 @@ def find(dataset: xr.Dataset, name: str, key: str, file: str) -> str:
         must = f"name one variable. Several have this standard name: {listed(found)}"
         raise refusal(key, got(name, must))
     names = [str(variable) for variable in dataset.variables]
+    alike = [each for each in names if each.lower() == name.lower()]
+    if key in ("time", "time_column") and len(alike) == 1:
+        return alike[0]
     near = get_close_matches(name, [*names, *standard], n=1)
     hint = f"did you mean {near[0]}?" if near else f"it contains {listed(names) or 'none'}"
     kind = "variable" if Path(file).suffix.lower().startswith(".nc") else "column"
@@ -99,14 +103,7 @@ def seconds(
     with np.errstate(over="ignore", invalid="ignore"):
         time = (values - values[0]).astype(float) * factor
         steps = np.diff(time)
-    # compared before the subtraction, in which unsigned ones would wrap round
-    late = np.flatnonzero(~(values[1:] > values[:-1]))
-    if late.size:
-        after = int(late[0]) + 1
-        word = "repeats" if values[after] == values[after - 1] else "goes back"
-        levels = word == "repeats" and key == "time"
-        hint = "Name the levels in vertical if rows are at several." if levels else ""
-        raise refusal(key, f"{name} {word} at entry {after}", "increase", hint)
+    check_order(values, time, str(name), key)
     usual, error = np.median(steps), 0.0
     if values.dtype == np.float32:
         error = float(np.spacing(np.abs(values).max())) * factor / 2
@@ -120,6 +117,19 @@ def seconds(
     return time
 
 
+def check_order(values: np.ndarray, time: Float[np.ndarray, " time"], name: str, key: str) -> None:
+    """Refuse times that repeat or go back; ``time`` has them in seconds since the first."""
+    # compared before the subtraction, in which unsigned ones would wrap round
+    late = np.flatnonzero(~(values[1:] > values[:-1]))
+    if late.size:
+        after = int(late[0]) + 1
+        word = "repeats" if values[after] == values[after - 1] else "goes back"
+        levels = word == "repeats" and key == "time"
+        hint = "Name the levels in vertical if rows are at several." if levels else ""
+        when = f", {time[after - 1]:.6g} s after the first"
+        raise refusal(key, f"{name} {word} at entry {after}{when}", "increase", hint)
+
+
 def _refuse_dates(values: np.ndarray, name: str, key: str) -> None:
     """Refuse times without a unit that look like dates."""
     text = f"{name} names no unit and begins at {values[0]:.12g}, as of a date"
@@ -127,19 +137,25 @@ def _refuse_dates(values: np.ndarray, name: str, key: str) -> None:
         raise refusal(key, text, "contain ISO dates such as 2024-03-01T06:00")
     for unit, ranges in _DATES.items():
         alike = any(low < values[0] < high for low, high in ranges)
-        if alike and (unit == "ms" or (np.diff(values) < 1).any()):
+        if alike and (unit != "days" or (np.diff(values) < 1).any()):
             hint = f"Call it {name} ({unit}), or write dates."
             raise refusal(key, f"{text} in {unit}", "name its unit", hint)
 
 
-def counts_down(level: xr.DataArray) -> bool:
-    """Return whether levels are depths: by ``positive``, by standard name, or by their name."""
+def counts_down(level: xr.DataArray) -> bool | None:
+    """Return whether levels are depths: by ``positive``, by standard name, or by their name.
+
+    None where none of them says it.
+    """
     positive = str(level.attrs.get("positive", "")).strip().lower()
-    standard = str(level.attrs.get("standard_name", ""))
     if positive in ("up", "down"):
         return positive == "down"
-    named = not standard and _DEPTH.fullmatch(str(level.name))
-    return bool(named) or standard.startswith("depth")
+    for name in (str(level.attrs.get("standard_name", "")), str(level.name)):
+        if _DEPTH.fullmatch(name):
+            return True
+        if _ABOVE_BED.search(name) or _FROM_SURFACE.search(name):
+            return False
+    return None
 
 
 def heights(
@@ -159,7 +175,7 @@ def heights(
         moving = moving.where(np.isfinite(moving))
         values = finite_numbers(moving.fillna(moving.mean(str(level.dims[0]))), "vertical", must)
     down = counts_down(level)
-    if down and not level.attrs and values.max(initial=-1.0) <= 0 and values.size > 1:
+    if down and "positive" not in level.attrs and values.size > 1 and values.max() <= 0:
         remarks.append(f"{name} is negative and is taken as a height above the surface")
         down = False
     if origin is None:

@@ -11,9 +11,10 @@ import pandas as pd
 import xarray as xr
 
 from crinoid.foundation.axes import ANGLES, CHANNELS, POSE
+from crinoid.recording.axes import check_order
 from crinoid.recording.numbers import check_count
 from crinoid.recording.texts import REMARKS, listed, short
-from crinoid.scenario.errors import refusal
+from crinoid.scenario.errors import counted, refusal
 
 _ENDINGS = (".mcap", ".db3", ".bag")
 _TIP, _COMMANDS, _MARKERS = "/tip/pose", "/commands", re.compile(r"/markers/([^/]+)(/pose)?")
@@ -85,9 +86,10 @@ def read(file: str) -> xr.Dataset:
     table, remarks = _table(topics, kinds)
     for topic, kind in unknown.items():
         remarks.append(f"{topic} is not read: the log has no definition of {kind}")
+    tracks = {t: _track(frame, _clock([frame]), t, remarks) for t, frame in topics.items()}
     found = _dataset(table, remarks)
-    for topic, frame in topics.items():
-        clock, track = f"{topic}.time", _track(frame, _clock([frame]))
+    for topic, track in tracks.items():
+        clock = f"{topic}.time"
         found = found.assign_coords({clock: (clock, *_time(track.index))})
         found = found.assign({f"{topic}.{name}": (clock, track[name]) for name in track})
     return found
@@ -124,10 +126,15 @@ def _clock(frames: list[pd.DataFrame]) -> str:
     return _MEASURED if all(frame[_MEASURED].any() for frame in frames) else _LOGGED
 
 
-def _track(frame: pd.DataFrame, clock: str) -> pd.DataFrame:
-    """Return the numbers of a topic over time (ns), the last ones of each instant."""
-    track = frame.set_index(clock).drop(columns={_MEASURED, _LOGGED} - {clock}).sort_index()
-    return track[~track.index.duplicated(keep="last")]
+def _track(frame: pd.DataFrame, clock: str, topic: str, remarks: list[str]) -> pd.DataFrame:
+    """Return the numbers of a topic over time (ns), the last ones of messages at one time."""
+    track = frame.set_index(clock).drop(columns={_MEASURED, _LOGGED} - {clock})
+    last = np.diff(track.index, append=np.iinfo(np.int64).max) != 0
+    if not last.all():
+        left = counted(int((~last).sum()), "message")
+        text = f"of messages of {topic} at the same time the last counts: {left} left out"
+        remarks += [] if text in remarks else [text]
+    return track[last]
 
 
 def _time(index: pd.Index) -> tuple[Any, dict[str, str]]:
@@ -142,6 +149,13 @@ def _table(
 ) -> tuple[pd.DataFrame, list[str]]:
     """Return the places of tip and markers with the commands over time (ns), and remarks."""
     remarks: list[str] = []
+
+    def track(topic: str) -> pd.DataFrame:
+        found = _track(topics[topic], clock, topic, remarks)
+        since = (found.index - found.index[0]).to_numpy() / 1e9
+        check_order(found.index.to_numpy(), since, f"{clock} of {topic}", "file")
+        return found
+
     placed = [t for t in topics if kinds[t] != _JOINTS and _place_of(topics[t])]
     markers = {found[1]: topic for topic in placed if (found := _MARKERS.fullmatch(topic))}
     placed = [topic for topic in placed if topic not in markers.values()]
@@ -154,12 +168,12 @@ def _table(
         remarks.append("times are those of the log: a topic has none of the measurement")
     commands = pd.DataFrame(index=pd.Index([], dtype=np.int64))
     if driven:
-        commands = _track(topics[driven], clock).filter(regex=r"^position\.").ffill()
+        commands = track(driven).filter(regex=r"^position\.").ffill()
         commands.columns = commands.columns.str.removeprefix("position.")
         commands = commands.drop(columns=[*_OWN], errors="ignore")
     parts: list[pd.DataFrame] = []
     for label, topic in labelled.items():
-        places = _places(_track(topics[topic], clock))
+        places = _places(track(topic))
         times = places.index
         if not parts:  # with each command at its own time: none is lost at a lower rate
             at = times.get_indexer(commands.index, method="nearest", tolerance=_ALIKE)

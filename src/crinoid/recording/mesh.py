@@ -29,6 +29,8 @@ _ROUNDED = 0.05
 """Error of distances that is said, over the radius of the arm; as thick is the skin."""
 _CHECKED = 500
 """Number of places around a mesh where distances on the grid are compared with exact ones."""
+_FEW = 8
+"""Number of corners of a body that show whether it is inside of another one."""
 _SHEET = 0.08
 """Half of the thickness by which a solid in a plane is drawn, of the arm's length."""
 
@@ -37,11 +39,12 @@ Vector = Float[np.ndarray, " axis"]
 
 def read_mesh(table: Mesh, scenario: Scenario) -> SolidSurface:
     """Read a mesh, and sample distances from it on a grid, or from its cut by the plane y = 0."""
-    mesh, planar = _closed_mesh(table), scenario.arm.dimension == 2
+    notes: list[str] = []
+    mesh, planar = _closed_mesh(table, notes), scenario.arm.dimension == 2
     radii, axes = np.asarray(scenario.arm.diameters) / 2, [0, 2] if planar else [0, 1, 2]
     cut, (low, high) = _cut(mesh, table) if planar else (None, mesh.bounds)
     size, reach = (high - low)[axes], _largest_radius(scenario)
-    spacing, notes = table.spacing, []
+    spacing = table.spacing
     if spacing is None:
         fair = np.prod(size + 2 * reach) / _USUAL
         spacing = max(float(radii.min()) / 2, float(fair) ** (1 / size.size))
@@ -57,7 +60,7 @@ def read_mesh(table: Mesh, scenario: Scenario) -> SolidSurface:
     if planar:
         places.insert(1, np.zeros(1))
     key = repr((__version__, table, spacing, within, planar))
-    values = _kept(table.file, key, lambda: triangles.on_grid(places, within)).squeeze()
+    values = _kept(mesh, key, lambda: triangles.on_grid(places, within)).squeeze()
     spline = SplineOnGrid(spline_filter(values, order=3), origin[axes], np.full(size.size, spacing))
     error = _rounding(mesh, triangles, spline, axes, float(radii.min()))
     if error > _ROUNDED * radii.min():
@@ -79,7 +82,7 @@ def _largest_radius(scenario: Scenario) -> float:
     return max(float(np.max(scenario.arm.diameters)) / 2, tool, *free)
 
 
-def _closed_mesh(table: Mesh) -> Any:
+def _closed_mesh(table: Mesh, notes: list[str]) -> Any:
     """Return the mesh of a file, scaled and turned, which must enclose a volume."""
     try:
         import trimesh
@@ -91,6 +94,8 @@ def _closed_mesh(table: Mesh) -> Any:
         raise refusal("file", f"{shown(table.file)}: no such file")
     try:
         mesh: Any = trimesh.load_mesh(table.file)
+        if not mesh.is_watertight:  # a corner may be there once for each texture or normal
+            mesh = trimesh.Trimesh(mesh.vertices, mesh.faces)
         faces, finite = len(mesh.faces), bool(np.isfinite(mesh.vertices).all())
     except Exception as error:  # libraries raise anything on a damaged file
         text = f"{name} is broken or no known mesh ({reason_of(error)})"
@@ -98,12 +103,7 @@ def _closed_mesh(table: Mesh) -> Any:
     if not faces or not finite:
         text = "has no triangle" if not faces else "has a corner that is not finite"
         raise refusal("file", f"{name} {text}", "be a mesh of triangles")
-    if not (mesh.is_watertight and mesh.is_winding_consistent and abs(mesh.volume) > 0):
-        text = f"{name} has holes, or faces that point in and out"
-        hint = "Repair it: in MeshLab close its holes, or trimesh.repair.fill_holes(mesh)."
-        raise refusal("file", text, "be a closed surface", hint)
-    if mesh.volume < 0:
-        mesh.invert()
+    mesh = _turned_outward(mesh, name, notes)
     turn = Rotation.from_euler(
         "ZYX", (table.pan_deg, -table.tilt_deg, table.roll_deg), degrees=True
     )
@@ -113,6 +113,32 @@ def _closed_mesh(table: Mesh) -> Any:
     frame[:3, :3] = table.scale * turn.as_matrix()
     mesh.apply_transform(frame)
     return mesh
+
+
+def _turned_outward(mesh: Any, name: str, notes: list[str]) -> Any:
+    """Return a mesh whose closed bodies point outward, or inward as a hollow of another one."""
+    from trimesh.util import concatenate
+
+    bodies = mesh.split(only_watertight=False, repair=False)
+    if not all(e.is_watertight and e.is_winding_consistent and abs(e.volume) > 0 for e in bodies):
+        text = f"{name} has holes, or faces that point in and out"
+        hint = "Repair it: in MeshLab close its holes, or trimesh.repair.fill_holes(mesh)."
+        raise refusal("file", text, "be a closed surface", hint)
+    low, high = np.array([each.bounds for each in bodies]).swapaxes(0, 1)
+    wrong = []
+    for index, body in enumerate(bodies):
+        around = ((low < low[index]) & (high > high[index])).all(axis=1)
+        places, hollow = body.vertices[:: 1 + len(body.vertices) // _FEW], False
+        for other in (bodies[at] for at in np.flatnonzero(around)):
+            apart = Triangles(other.triangles, other.face_normals).distance(places)
+            hollow ^= bool((np.sign(other.volume) * apart < 0).all())
+        wrong += [body] if (body.volume < 0) != hollow else []
+    for body in wrong:
+        body.faces = body.faces[:, ::-1]  # invert() leaves normals of a part as they are
+    if 0 < len(wrong) < len(bodies):
+        text = f"{len(wrong)} of {len(bodies)} bodies of {name} were inside out and are turned"
+        notes.append(f"{text}: a body inside of another one is a hollow")
+    return concatenate(bodies)
 
 
 def _of_size(mesh: Any, longest: float) -> Triangles:
@@ -144,9 +170,9 @@ def _cut(mesh: Any, table: Mesh) -> tuple[Triangles, tuple[Vector, Vector]]:
     return Triangles(lines[:, [0, 1, 1]], normals), (ends.min(axis=0), ends.max(axis=0))
 
 
-def _kept(file: str, key: str, sample: Callable[[], np.ndarray]) -> np.ndarray:
-    """Return values that are sampled once for a file and a key, and kept in the cache folder."""
-    digest = hashlib.sha256(Path(file).read_bytes() + key.encode()).hexdigest()[:32]
+def _kept(mesh: Any, key: str, sample: Callable[[], np.ndarray]) -> np.ndarray:
+    """Return values that are sampled once for a mesh and a key, and kept in the cache folder."""
+    digest = hashlib.sha256(mesh.triangles.tobytes() + key.encode()).hexdigest()[:32]
     folder = cache_folder(os.environ.get("JAX_COMPILATION_CACHE_DIR")) / "distances"
     path = folder / f"{digest}.npy"
     try:

@@ -5,6 +5,7 @@ and ``read(file)``, which returns the dataset. Other packages name theirs under 
 ``crinoid.readers``; they come first.
 """
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,19 @@ from crinoid.scenario.errors import ScenarioError, refusal, shown
 from crinoid.scenario.kinds import installed, package_of
 
 _HEAD = 1 << 16
+_NETCDF, _MAGIC = (".nc", ".nc4", ".cdf"), re.compile(rb"CDF|\x89HDF")
+_KNOWN = f"be a CSV or netCDF file ({', '.join((*table.SUFFIXES[:5], '.nc'))}), or a log of ROS"
+_WAYS = {
+    ".xlsx": "pandas.read_excel(file)",
+    ".parquet": "pandas.read_parquet(file)",
+    ".json": "pandas.read_json(file)",
+    ".npy": "pandas.DataFrame(numpy.load(file))",
+    ".mat": "pandas.DataFrame(scipy.io.loadmat(file)[...])",
+    ".grib2": 'xarray.open_dataset(file, engine="cfgrib")',
+    ".tif": 'xarray.open_dataset(file, engine="rasterio")',
+    ".zarr": "xarray.open_zarr(file)",
+}
+"""What reads files of other formats, by their endings."""
 
 
 def read_dataset(file: str) -> xr.Dataset:
@@ -36,7 +50,7 @@ def read_dataset(file: str) -> xr.Dataset:
         bag = logs.is_bag(path)
         if path.exists() and not path.is_file() and not bag:
             kind = "a folder" if path.is_dir() else "no regular file"
-            raise refusal("file", f"{path.name} is {kind}", "be a CSV or netCDF file")
+            raise _other_format(path, kind)
         head = b""
         if not bag:
             with path.open("rb") as stream:
@@ -48,20 +62,26 @@ def read_dataset(file: str) -> xr.Dataset:
     except (OSError, ValueError) as error:  # may not be read, or a name that no file can have
         raise refusal("file", f"{shown(file)} cannot be opened ({reason_of(error)})") from None
     read, owner = _chosen(file, head)
+    if read is _read_netcdf and path.suffix.lower() not in _NETCDF and not _MAGIC.match(head):
+        raise _other_format(path, "of no format that is read")
     try:
         dataset = read(file)
     except ScenarioError:
         raise
     except Exception as error:  # libraries raise anything on a damaged file
-        damaged = (
-            f"{path.name} is broken or no {'netCDF' if read is _read_netcdf else 'known'} file"
-        )
-        text = f"{owner} cannot read {path.name}" if owner else damaged
+        text = f"{owner} cannot read {path.name}" if owner else f"{path.name} is broken"
         raise refusal("file", f"{text} ({reason_of(error)})") from error
     if not isinstance(dataset, xr.Dataset):
         text = f"{owner} returns {type(dataset).__name__}"
         raise refusal("file", text, "return an xarray.Dataset")
     return dataset
+
+
+def _other_format(path: Path, kind: str) -> ScenarioError:
+    """Return the refusal of a file or folder of a format that is not read."""
+    way = _WAYS.get(path.suffix.lower(), "pandas.read_csv(file, names=[...], ...)")
+    way += '.to_netcdf("a.nc")' if way.startswith("xarray") else '.to_csv("a.csv", index=False)'
+    return refusal("file", f"{path.name} is {kind}", _KNOWN, f"In Python: {way}.")
 
 
 def _chosen(file: str, head: bytes) -> tuple[Any, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -25,6 +27,8 @@ _SHOWN, _PARTS = 1.5, 60
 """Half of the side of a bed as it is drawn, of the arm's length, and its parts."""
 _SHEET, _DEEP = 0.08, 0.1
 """Half of the thickness by which a bed in a plane is drawn, and its depth, of the arm's length."""
+_BATHYMETRY = re.compile(r"h|.*bathy.*", re.I)
+"""Names of depths of a bed, if nothing else says what they are."""
 _FEWEST = 4
 """Least number of heights along an axis."""
 
@@ -32,7 +36,8 @@ _FEWEST = 4
 def read_seabed(table: Seabed, scenario: Scenario) -> SolidSurface:
     """Read the heights of a bed, over x and y or, for a planar arm, along y = 0."""
     remarks: list[str] = []
-    places, values = _read(table, remarks)
+    root = scenario.base.position[-1] - table.position[-1]
+    places, values = _read(table, root, remarks)
     orders = [np.argsort(place) for place in places]
     places, values = [np.sort(place) for place in places], values[np.ix_(*orders)]
     _check_reach(table, scenario, places, remarks)
@@ -59,8 +64,8 @@ def read_seabed(table: Seabed, scenario: Scenario) -> SolidSurface:
     return SolidSurface(spline, True, *shape, tuple(remarks))
 
 
-def _read(table: Seabed, remarks: list[str]) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the coordinates and the heights of a file (m)."""
+def _read(table: Seabed, root: float, remarks: list[str]) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the coordinates and the heights of a file (m), whose origin is below the ``root``."""
     with read_dataset(table.file) as dataset:
         name = find(dataset, table.height, "height", table.file)
         check_count(dataset[name].size, table.file, name)
@@ -74,12 +79,27 @@ def _read(table: Seabed, remarks: list[str]) -> tuple[list[np.ndarray], np.ndarr
         places = [_even(dataset[each], key) for key, each in zip(keys, names, strict=True)]
         column = Column("height", name, length_factor, "m", _DEEPEST)
         values = quantity(dataset, variable.transpose(*along), column, remarks)
-        down = counts_down(variable)
     if missing := int(np.sum(~np.isfinite(values))):
         text = f"{name} has {counted(missing, 'missing value')}"
         hint = "Fill them: dataset.interpolate_na(...), or cut out a part without."
         raise refusal("height", text, "be a number at each place", hint)
-    return places, -values if down else values
+    return places, -values if _are_depths(variable, values, root, remarks) else values
+
+
+def _are_depths(variable: xr.DataArray, values: np.ndarray, root: float, said: list[str]) -> bool:
+    """Return whether the heights of a bed below the ``root`` of the arm (m) count down."""
+    down, name = counts_down(variable), str(variable.name)
+    if down is None:
+        middle = float(np.median(values))
+        down = -middle < root and (middle >= root or bool(_BATHYMETRY.fullmatch(name)))
+        if -middle < root:
+            way = "depth, positive down" if down else "height, positive up"
+            text = f"{name} is taken as a {way}: see its attribute positive, or rename it"
+            said.append(f"{text} depth or elevation")
+    elif down and "positive" not in variable.attrs and values.max() <= 0:
+        said.append(f"{name} is negative and is taken as a height")
+        down = False
+    return down
 
 
 def _even(variable: xr.DataArray, key: str) -> Float[np.ndarray, " place"]:

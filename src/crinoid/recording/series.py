@@ -27,8 +27,17 @@ _MOST = 0.5
 """Smallest measured share of a level."""
 _LATE = 1.5
 """Interval, over the usual one, above which samples are missing."""
+_SOME = 0.2
+"""Largest share of such intervals: more are no gaps, but points at uneven times."""
 _SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
 """Greatest shift (m), depth (m), turn (rad) and length of a vector without a unit."""
+
+
+def absent_rows(time: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the usual interval of a record (s), and the rows that are absent in each step."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    return usual, np.where(steps > _LATE * usual, np.rint(steps / usual) - 1, 0)
 
 
 class FilledRecord(NamedTuple):
@@ -54,9 +63,7 @@ def fill(
     remarks: list[str],
 ) -> FilledRecord:
     """Fill the gaps of a record (NaN) by straight lines in time, and omit empty levels."""
-    steps = np.diff(time)
-    usual = np.median(steps)
-    absent = np.where(steps > _LATE * usual, np.rint(steps / usual) - 1, 0)
+    usual, absent = absent_rows(time)
     if absent.sum() >= time.size:
         text = f"most samples are missing at the usual interval of {usual:.6g} s"
         raise refusal("time", text, "be a record in one piece", "Cut one out.")
@@ -84,7 +91,7 @@ def fill(
             for level in there[..., component].T
             if not level.all()
         ]
-        if gaps:
+        if gaps and name != "0":
             text = (
                 f"{1 - there[..., component].mean():.2%} of {name} is missing and was filled by "
                 f"straight lines, the longest gap {max(gaps):.4g} s"
@@ -174,6 +181,13 @@ def read_series(
             f"{lacking} of {there.size} rows {lack} a value and {are} left out, the longest gap "
             f"{np.diff(time).max():.4g} s"
         )
+    usual, absent = absent_rows(time)
+    if 0 < np.count_nonzero(absent) <= _SOME * absent.size:  # else it has no usual interval
+        at = int(np.argmax(absent))
+        remarks.append(
+            f"{int(absent.sum())} rows are absent at the usual interval of {usual:.4g} s, the "
+            f"longest gap {time[at + 1] - time[at]:.4g} s, from {time[at]:.6g} s on"
+        )
     for column, turn in zip(columns, values.T, strict=True):
         jumps = np.abs(np.diff(turn)) > np.pi
         if column.wraps and jumps.any():
@@ -192,7 +206,7 @@ def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
     for index, motion in enumerate(scenario.base.motion):
         match motion:
             case FileMotion():
-                readers[f"base.motion.{index}"] = lambda motion=motion: _motion(motion, duration)
+                readers[f"base.motion.{index}"] = lambda motion=motion: _motion(motion, scenario)
             case VesselMotion():
                 readers[f"base.motion.{index}"] = lambda motion=motion: _vessel(motion, scenario)
     if scenario.target.path == "file":
@@ -200,10 +214,21 @@ def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
     return readers
 
 
-def _motion(motion: FileMotion, duration: float) -> Series:
+def _motion(motion: FileMotion, scenario: Scenario) -> Series:
     name, turns = motion.value_column or motion.channel, motion.channel in ANGLES
     column = _displacement("value_column", name, turns=turns)
-    return _whole(read_series(motion.file, motion.time_column, [column], motion.skip), duration)
+    series = read_series(motion.file, motion.time_column, [column], motion.skip)
+    far = () if turns else _far(name, series.time, series.values[:, 0], scenario.arm.length)
+    return _whole(replace(series, notes=series.notes + far), scenario.simulation.duration)
+
+
+def _far(name: str, time: np.ndarray, shift: np.ndarray, length: float) -> tuple[str, ...]:
+    """Return a note on a shift that is never 0 and starts farther than a length (m) from it."""
+    start = float(np.interp(0.0, time, shift))
+    if abs(start) <= length or np.ptp(np.sign(shift)) > 0:
+        return ()
+    text = f"{name} is {start:.4g} m when the run starts, and the base moves by it"
+    return (f"{text}: subtract it in the file for a motion about base.position",)
 
 
 def _displacement(key: str, name: str, *, turns: bool) -> Column:
@@ -247,7 +272,8 @@ def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
         text = f"the arm has a tilt of {np.rad2deg(base.angles[1]):.0f} degrees while the vessel "
         hint = 'Or set roll to "0", and yaw to "0" or base.pan_deg to 0.'
         raise refusal("columns", f"{text}rolls or pitches", "point less steeply in space", hint)
-    return replace(series, values=values)
+    far = _far("heave", series.time, moved["heave"], scenario.arm.length)
+    return replace(series, values=values, notes=series.notes + far)
 
 
 def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:

@@ -16,10 +16,10 @@ import xarray as xr
 
 from crinoid.recording import cells
 from crinoid.recording.numbers import check_count
-from crinoid.recording.texts import listed, short
+from crinoid.recording.texts import MINUS, listed, short
 from crinoid.scenario.errors import refusal, shown
 
-_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".csvp", ".csv0", ".tsvp", ".tsv0")
+SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".out", ".csvp", ".csv0", ".tsvp", ".tsv0")
 _MAX_BYTES = 500_000_000
 _NAMES_FIRST = "The names must be the first line: mark others above them by #."
 _MISSING = ["", "-", "--", "n/a", "N/A", "NA", "NaN", "nan", "NAN", "null", "NULL", "None", "MM"]
@@ -40,11 +40,13 @@ _DAY_FIRST = re.compile(r"\d{1,2}\.\d{1,2}\.\d{4}\b")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d+")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
-_WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
+_WITH_UNIT = re.compile(r'(.*?)\s*[\[(](?:unit="?)?([^\[\]()"]*)"?[\])]')
 _COMMENT = re.compile(r"(?:^|(?<=[\s;,]))#")  # Speed#1 is a name
 _BUOY = re.compile(r"#?\s*YYY?Y?\s+MM\s+DD\s+hh")
 _PREAMBLES = {r"sep=.\s*\n": [0], r'"?TOA5\b': [0, 3], r'"?Plot Title': [0]}
 """Lines besides names and units, of a spreadsheet, of Campbell and of HOBO."""
+_OPENFAST = re.compile(r"\s*\(s\)\s+\(")
+"""Line of units of OpenFAST, below the names that follow a text on the run."""
 _HEAD = 1 << 16
 """Bytes from which the header and the layout are determined."""
 _FIELDS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
@@ -52,7 +54,7 @@ _FIELDS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 def reads(file: str, head: bytes) -> bool:
     """Return whether a file is a table, by its suffix or as that of a buoy of NDBC."""
-    return Path(file).suffix.lower() in _SUFFIXES or bool(_BUOY.match(head[:100].decode("latin")))
+    return Path(file).suffix.lower() in SUFFIXES or bool(_BUOY.match(head[:100].decode("latin")))
 
 
 def read(file: str) -> xr.Dataset:
@@ -91,6 +93,10 @@ def _layout(name: str, head: bytes) -> tuple[dict[str, Any], dict[str, dict[str,
             lines = ["" if index in places else line for index, line in enumerate(lines)]
     if _BUOY.match(text):
         lines[:2] = [line.lstrip("#") for line in lines[:2]]
+    for index, line in enumerate(lines[1:]):
+        if _OPENFAST.match(line) and re.match(r"\s*Time\s", lines[index]):
+            lines[:index] = [""] * index
+            break
     full = [index for index, line in enumerate(lines) if _COMMENT.split(line)[0].strip()]
     if not full:
         raise refusal("file", f"{name} has no rows", "have a header and rows of numbers")
@@ -107,6 +113,7 @@ def _layout(name: str, head: bytes) -> tuple[dict[str, Any], dict[str, dict[str,
             hint = "Of ERDDAP load .csvp, which has names, in place of .csv0."
             raise refusal("file", f"{name} begins with numbers", must, hint)
         fields, start = names, 0
+    fields[0] = fields[0].removeprefix("%")  # as rostopic writes it
     named = [_WITH_UNIT.fullmatch(field) for field in fields]
     units = [found[2].strip() if found else "" for found in named]
     fields = [found[1] if found else each for found, each in zip(named, fields, strict=True)]
@@ -166,6 +173,7 @@ def _encoding(head: bytes) -> str:
 
 
 def _fields(line: str, separator: str) -> list[str]:
+    line = line.replace(MINUS, "-")
     if not separator:  # a unit in brackets may stand apart
         return re.findall(r"\S+(?:[ \t]*[\[(][^\])]*[\])])?", line)
     row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
@@ -214,7 +222,7 @@ def _numbers(
     """Return the numbers of a column, its instants, or its texts, with its attributes."""
     if column.dtype.kind in "iuf":
         return column.to_numpy(), attributes
-    texts = column.astype(str).where(column.notna())
+    texts = column.astype(str).where(column.notna()).str.replace(MINUS, "-")
     dates = _dates(texts)
     numbers = pd.to_numeric(texts.str.replace(decimal, ".", regex=False), errors="coerce")
     # a point among decimal commas separates thousands, or is a slip

@@ -4,6 +4,8 @@ from pathlib import Path
 
 REMARKS = "remarks of crinoid"
 """Attribute of a dataset: what its reader assumes, a line each."""
+MINUS = "\N{MINUS SIGN}"
+"""The sign that typesetters prefer to a hyphen."""
 _NAMED = 12
 
 

@@ -3,6 +3,8 @@
 import re
 from functools import cache, partial
 
+from crinoid.recording.texts import MINUS
+
 _COMMON = {"m/s": ("m/s", "m s-1"), "1": ("1", "-")}
 """Units of most files; the library for all others takes half a second to load."""
 _BEARING = re.compile(
@@ -19,7 +21,8 @@ def factor(units: str, to: str) -> float | None:
     Units are those of UDUNITS and CF, also ``since`` a date, and usual words such as knots, in
     small or capital letters.
     """
-    text = re.split(r"\ssince\s", units.strip(), maxsplit=1, flags=re.IGNORECASE)[0]
+    units = units.replace(MINUS, "-").strip()
+    text = re.split(r"\ssince\s", units, maxsplit=1, flags=re.IGNORECASE)[0]
     if text in _COMMON.get(to, (to,)):
         return 1.0
     from cf_xarray.units import units as registry

@@ -17,7 +17,7 @@ from crinoid.foundation.status import Status
 from crinoid.results.metrics import MEASURES, Measure, measure_columns, read_rows
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
-from crinoid.studies.statistics import student_factor
+from crinoid.studies.statistics import SEED, student_factor
 from crinoid.view.figures.measures import label_of, unit_of
 from crinoid.view.figures.run import RESULT
 from crinoid.view.figures.style import Unit, largest
@@ -120,7 +120,8 @@ def effects_of(study: Study, measure: StudyMeasure) -> list[Effect]:
     if not values.size or np.ptp(values) <= 1e-9 * np.abs(values).max():
         return []
     found = []
-    for key in study.varied:
+    # alone, a seed is a label of random numbers
+    for key in study.varied if [key.name for key in study.varied] != [SEED] else ():
         most = int(np.clip(len(key.texts) // _OF_A_CLASS, *_CLASSES))
         few = len(key.texts) < _CLASSES[0] * _OF_A_CLASS
         sorted_in = not (key.numbers is None or few or len(key.levels) <= most)

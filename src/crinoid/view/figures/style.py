@@ -59,7 +59,7 @@ def length_unit(magnitude: float) -> Unit:
 
 def si_unit(magnitude: float, name: str) -> Unit:
     """Choose the unit, or its thousandth, millionth or billionth, to read numbers around one."""
-    if magnitude == 0.0 or magnitude >= 0.1:
+    if magnitude < 1e-9 or magnitude >= 0.1:  # tables write less, which is round-off, as 0
         return Unit(1.0, name)
     for factor, prefix in ((1e3, "m"), (1e6, "µ")):
         if magnitude * factor >= 0.1:
