@@ -19,7 +19,7 @@ import pytest
 import xarray as xr
 
 from crinoid.cli import study
-from crinoid.cli.finding import write_page
+from crinoid.cli.finding import finding, write_page
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.results.result import Result, attributes
@@ -132,6 +132,38 @@ def test_a_full_disk_costs_nothing_that_was_computed(here, small_disk, monkeypat
     assert f"what was computed is saved in {saved} instead" in line
     np.testing.assert_array_equal(Result.load(saved).dataset["rest"], rest)
     assert not list(small_disk.rglob("*.nc*"))
+
+
+def test_a_search_that_cannot_be_written_is_saved_elsewhere(here, monkeypatch):
+    write = Path.write_text
+
+    def full(path: Path, *arguments: object) -> int:
+        if path.parent.name == "out":
+            raise no_space(path)
+        return write(path, *arguments)
+
+    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr("crinoid.cli.finding.write_report", lambda path: [])
+    data = xr.Dataset({"found": ("trial", [1.0, 2.0])})
+    place = here / "out" / "tune.nc"
+    scenario = Scenario.from_toml(SMALL)
+    files = {"tuned.toml": "x = 1", "mark": lambda path: path.touch()}
+    with finding(scenario, place, "a tuning", force=False, doubts=False) as found:
+        shutil.rmtree(place.parent)  # it is made again
+        with pytest.raises(OSError, match="saved in") as caught:
+            found.save(data, files)
+    (saved,) = here.glob("crinoid-*")
+    assert str(caught.value.strerror).endswith(f"what was computed is saved in {saved} instead")
+    assert sorted(contents(saved)) == ["mark", "tune.nc", "tuned.toml"]
+    xr.testing.assert_identical(xr.load_dataset(saved / "tune.nc"), data)
+
+
+def test_a_name_that_netcdf_cannot_take_is_refused_before_the_run(here, player):
+    line = one_line(call("run", "small.toml", "--out", "caf\udce9"))
+    assert re.match(r"crinoid: .*/caf.+: must be text in utf-8, as netCDF needs it\. Ch", line)
+    assert not player.played
+    with pytest.raises(OSError, match="surrogates not allowed"):
+        small().save(here / "caf\udce9")
 
 
 def test_a_run_that_cannot_be_written_says_what_was_written_before(here, player):
@@ -623,6 +655,21 @@ def test_a_wish_to_stop_that_was_lost_on_the_way_is_heard_again():
             pass
         with pytest.raises(Interrupted):
             interruption.stop()
+
+
+def test_a_search_in_threads_keeps_what_it_has_found_between_two_looks():
+    found = []
+    with Interruption() as interruption:
+        interruption.has_some = lambda: bool(found)
+        assert not interruption.stop()
+        found.append("a trial")  # of another thread
+        signal.raise_signal(signal.SIGINT)
+        assert interruption.stop()
+    with Interruption() as interruption:
+        interruption.has_some = lambda: False
+        assert not interruption.stop()
+        with pytest.raises(Interrupted):
+            signal.raise_signal(signal.SIGINT)
 
 
 def test_signals_that_are_turned_off_stay_off(here, player):

@@ -1,6 +1,7 @@
 """Compiled programs between processes: the same results, and nothing run that cannot be trusted."""
 
 import os
+import signal
 import stat
 import subprocess
 import sys
@@ -308,6 +309,29 @@ def test_processes_at_once_compile_a_program_once_and_agree(tmp_path):
     assert lengths[0] == lengths[1] != ""
     assert sorted(counts) == ["0", "1"]
     assert len(programs_in(Store(tmp_path / "crinoid" / "programs"))) == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who locks a file")
+@pytest.mark.parametrize(
+    ("stopped", "words"), [(True, "is stopped, and is not"), (False, "compiles too: waiting")]
+)
+def test_a_process_that_does_not_get_ready_is_not_waited_for(
+    tmp_path, monkeypatch, caplog, stopped, words
+):
+    monkeypatch.setattr(keys, "_SAID", 0.1)
+    monkeypatch.setattr(keys, "_PATIENCE", 30.0 if stopped else 0.1)
+    code = "import fcntl, sys; file = open(sys.argv[1], 'w'); fcntl.flock(file, 2); "
+    code += "print(flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", code, str(tmp_path / "00.lock")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout.readline() == b"\n"
+        if stopped:
+            other.send_signal(signal.SIGSTOP)
+            os.waitpid(other.pid, os.WUNTRACED)
+        with Store(tmp_path).claim(b"\0"):
+            pass
+        other.kill()
+    assert f"crinoid: process {other.pid} {words}" in caplog.text
 
 
 def test_programs_are_kept_where_the_user_wants_it(tmp_path, monkeypatch):

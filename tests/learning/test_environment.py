@@ -177,11 +177,21 @@ def test_wrong_actions_are_refused(env):
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"^action: got the shape \(2,\); must be \(3,\)"):
         env.step([0.0, 0.0])
-    with pytest.raises(ValueError, match=r"^action: got \[nan, 0.0, 0.0\]; must be numbers"):
+    with pytest.raises(ValueError, match=r"^action: got \[nan, 0.0, 0.0\]; must be finite"):
         env.step([float("nan"), 0.0, 0.0])
+    for wrong in ([1j, 0, 0], ["1", "0", "0"], [True, False, True], [None, 0, 0]):
+        with pytest.raises(ValueError, match=r"^action: got .*; must be numbers$"):
+            env.step(np.array(wrong) if wrong[0] == 1j else wrong)
     episode(env, idle)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(3))
+
+
+def test_a_fork_is_refused(env, monkeypatch):
+    env.reset(seed=0)
+    monkeypatch.setattr("os.getpid", lambda: -1)
+    with pytest.raises(RuntimeError, match=r'get_context\("spawn"\)'):
+        env.step([0.0, 0.0, 0.0])
 
 
 def test_a_failure_ends_an_episode_and_costs_its_rest(env):

@@ -1,7 +1,14 @@
 """A session: a run whose commands, current and motion of the base come from outside."""
 
+import copy
+import os
+import pickle
+import signal
 import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +16,7 @@ import pytest
 import crinoid
 from crinoid.results.result import ResultError
 from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation import sink
 from crinoid.simulation.external import ExternalSignals
 
 SCENARIO = Scenario.from_toml(
@@ -171,6 +179,14 @@ def test_current_and_base_from_outside_act_as_those_of_a_scenario(session):
         ({"current": [1.0]}, r"current: got the shape \(1,\); must be \(2,\)"),
         ({"base": {"x": 1.0}}, 'base: got "x"; must be "slide", "heave" or "tilt"'),
         ({"base": {"heave": (1.0, np.inf)}}, "base.heave: got .* must be finite"),
+        ({"command": np.zeros(3, complex)}, "command: got .* must be numbers"),
+        ({"command": np.zeros(3, object)}, "command: got .* must be numbers"),
+        ({"command": ["0", "0", "0"]}, "command: got .* must be numbers"),
+        ({"command": [10**400, 0, 0]}, "command: got .* must be numbers"),
+        ({"command": {"slide": True}}, "command.slide: got true; must be numbers"),
+        ({"command": {"slide": None}}, "command.slide: got None; must be numbers"),
+        ({"base": [0.1]}, r"base: got \[0.1\]; must be numbers by the names of channels"),
+        ({"base": {"heave": (1.0, [2.0])}}, "base.heave: got .* must be numbers"),
     ],
 )
 def test_a_wrong_value_is_refused_and_changes_nothing(session, given, text):
@@ -218,6 +234,53 @@ def test_the_session_ends_with_the_duration_of_the_scenario(session):
     assert session.ended == "simulation.duration = 1 s is over"
     with pytest.raises(RuntimeError, match="is over"):
         session.step([0, 0, 0])
+
+
+def test_what_is_kept_of_a_step_is_packed_in_the_memory_of_the_host(session, monkeypatch):
+    monkeypatch.setattr(sink, "_LOOSE", 8)
+    for _ in range(36):
+        session.step([0, 0, 0])
+    held = session._sink._records
+    assert len(held) < 1 + 36 // 8 + 8
+    assert all(leaf.base is None for leaf in jax.tree.leaves(held[1:]))
+    steps = np.diff(session.result().dataset["time"])
+    np.testing.assert_allclose(steps, 0.01)
+
+
+def test_threads_take_turns(session):
+    def some(_: int) -> list[float]:
+        return [float(session.step({"tilt": 0.0}).time) for _ in range(15)]
+
+    with ThreadPoolExecutor(2) as pool:
+        times = np.concatenate(list(pool.map(some, range(2))))
+    assert len(set(times)) == 30
+    assert (np.diff(session.result().dataset["time"]) > 0).all()
+
+
+@pytest.mark.parametrize("copy_of", [pickle.dumps, copy.copy, copy.deepcopy])
+def test_a_session_is_not_copied(session, copy_of):
+    with pytest.raises(TypeError, match=r"^Session: cannot be copied or pickled\."):
+        copy_of(session)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_fork_is_refused_and_does_not_hang(session):
+    read, write = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # JAX's, of the fork
+        child = os.fork()
+    if not child:
+        signal.alarm(20)
+        try:
+            session.step([0, 0, 0])
+        except RuntimeError as error:
+            os.write(write, str(error).encode())
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    assert b'multiprocessing.get_context("spawn")' in os.read(read, 1000)
+    os.close(read)
+    os.close(write)
+    session.step([0, 0, 0])  # here it goes on
 
 
 def test_a_paced_session_keeps_the_wall_clock_and_says_how_late_it_was(session):

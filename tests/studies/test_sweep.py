@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -213,8 +214,9 @@ def test_a_run_that_fails_is_a_row(arm, tmp_path):
 @pytest.mark.slow
 def test_a_batch_is_tried_again_and_fails_in_the_end(arm, clean, tmp_path):
     crew = Here(spoil=lambda given: "its worker died" if given == 2 else None)
-    swept(arm, tmp_path / "once", crew=crew)
+    told = swept(arm, tmp_path / "once", crew=crew)
     assert crew.given == 4
+    assert re.search(r"note: batch \d of 3 is tried again: its worker died\n[^$]*wrote", told)
     assert_same(clean, tmp_path / "once")
     # the third batch takes its worker with it each time
     plan = SweepStore(clean).read_plan()

@@ -5,6 +5,7 @@ May import ``learning`` and lower folders.
 
 import contextlib
 import gc
+import io
 import os
 import sys
 from importlib import import_module
@@ -20,6 +21,8 @@ def main(module: str = "crinoid.cli.app") -> None:
     gc.set_threshold(_ALLOCATIONS)
     # matrices are small here: threads of linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if isinstance(sys.stdout, io.TextIOWrapper):  # prints what its encoding lacks as escapes
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         heed()
         with Loading():

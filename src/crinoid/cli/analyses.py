@@ -180,8 +180,7 @@ def show_equilibria(
                     )
 
                 data = find_equilibria(curve, stop=interruption.stop, report=report)
-            table = to.write(_TABLE, curve_table(data))
-            files = [*to.save(data), table]
+            files = to.save(data, {_TABLE: curve_table(data)})
         show(_curve_table(data), data.attrs["notes"].splitlines(), files)
     status = str(data.attrs["status"])
     return "" if status == Status.OK else status

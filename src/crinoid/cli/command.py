@@ -72,6 +72,10 @@ def one_line_errors(
         if error.errno == errno.EPIPE:  # the reader of the output, such as `head`, has gone
             raise
         stop(f"{error.filename or 'file'}: {error.strerror or error}")
+    except UnicodeEncodeError as error:
+        near = error.object[max(0, error.start - 40) : error.end + 20]
+        must = f"must be text in {error.encoding}, as netCDF needs it"
+        stop(f"{near}: {must}. Choose another name, or set PYTHONUTF8=1.")
     except ValueError as error:
         figures = sys.modules.get("crinoid.view.figures")
         if figures is None or not isinstance(error, figures.ReportError):
@@ -179,4 +183,5 @@ def folder_for(
         folder = folder.with_name(f"{folder.name},{name_of_changes(settings)}")
     if folder.exists() and not folder.is_dir():
         stop(f"--out: {folder} is a file; must be a folder")
+    str(folder.resolve()).encode(sys.getfilesystemencoding())  # as netCDF does after the run
     return folder

@@ -76,12 +76,8 @@ def compare_controllers(
     ):
         with progress_bar() as bar:
             comparison = ControllerComparison(scenario, kinds, seeds)
-
-            def stop() -> bool:
-                # until a run is complete there is nothing to save: stop immediately
-                return comparison.has_runs and interruption.stop()
-
-            comparison.run(reporter(bar, ""), stop)
+            interruption.has_some = lambda: comparison.has_runs
+            comparison.run(reporter(bar, ""), interruption.stop)
             interruption.stop()
         data = comparison.dataset()
         rms, notes = data["rms_error"].values, seed_notes(len(seeds))
@@ -91,9 +87,8 @@ def compare_controllers(
             name: [note for note in notes if note not in found.doubts]
             for name, notes in comparison.notes.items()
         }
-        paths = found.save(data)
-        write_rows(folder / COMPARISON_TABLE, comparison_rows(data))
-        paths.insert(1, folder / COMPARISON_TABLE)
+        rows = comparison_rows(data)
+        paths = found.save(data, {COMPARISON_TABLE: lambda path: write_rows(path, rows)})
         console.print(comparison_table(data))
         say_when(scenario)
         say_notes([*notes, *notes_of_cases(of_runs)])

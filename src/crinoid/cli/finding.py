@@ -1,6 +1,7 @@
 """Findings about one case of a scenario: a file with its figures, a table and notes."""
 
-from collections.abc import Iterable, Iterator
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +23,9 @@ from crinoid.studies.sweep import SweepDesign
 from crinoid.view.figures import ReportError, write_page, write_report
 from crinoid.view.page.parts import PAGE
 
+Content = str | Callable[[Path], object]
+"""Text of a file, or a function that writes it."""
+
 
 class Finding(NamedTuple):
     """The file of a command that examines one case."""
@@ -31,18 +35,33 @@ class Finding(NamedTuple):
     doubts: list[str]
     """Implausible values that were reported."""
 
-    def save(self, data: xr.Dataset) -> list[Path]:
-        """Save and draw a dataset; return its files."""
-        with atomic_write(self.path) as temporary:
-            data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
-        return [self.path, *write_report(self.path)]
+    def save(self, data: xr.Dataset, files: Mapping[str, Content] | None = None) -> list[Path]:
+        """Save and draw a dataset, after other files by name, elsewhere if need be; return all."""
 
-    def write(self, name: str, text: str) -> Path:
-        """Write a text next to the file."""
-        path = self.path.parent / name
-        with atomic_write(path) as temporary:
-            temporary.write_text(text, "utf-8")
-        return path
+        def write(path: Path) -> None:
+            with atomic_write(path) as temporary:
+                data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
+
+        contents = {**(files or {}), self.path.name: write}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            paths = _written(self.path.parent, contents)
+        except OSError as error:
+            folder = Path(tempfile.mkdtemp(prefix="crinoid-"))
+            _written(folder, contents)
+            text = f"{error.strerror}; what was computed is saved in {folder} instead"
+            raise OSError(error.errno, text, error.filename) from error
+        return [*paths, *write_report(paths[-1])]
+
+
+def _written(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
+    for name, content in contents.items():
+        if isinstance(content, str):
+            with atomic_write(folder / name) as temporary:
+                temporary.write_text(content, "utf-8")
+        else:
+            content(folder / name)
+    return [folder / name for name in contents]
 
 
 def require_one(scenario: Scenario, name: str) -> None:

@@ -66,7 +66,8 @@ def claimed(folder: Path) -> Iterator[None]:
             yield
         finally:
             if lock.is_locked:
-                (folder / _LOCK).unlink(missing_ok=True)
+                with suppress(OSError):  # it vanished, or may no longer be written to
+                    (folder / _LOCK).unlink()
                 lock.release()
     finally:
         with suppress(OSError):  # not empty: something was written

@@ -6,6 +6,7 @@ import os
 import signal
 import stat
 import sys
+from collections.abc import Callable
 from typing import Any
 
 INTERRUPTED = 130
@@ -39,6 +40,9 @@ class Interruption:
     kept, until `release`.
     """
 
+    has_some: Callable[[], bool] | None = None
+    """Whether there is something to save, of a search in threads, which may find it at any time."""
+
     def __init__(self) -> None:
         self.asked = False
         self._held = False
@@ -59,10 +63,10 @@ class Interruption:
             signal.signal(number, handler)
 
     def stop(self) -> bool:
-        """Return whether to stop, and keep later requests: now there is something to save."""
+        """Return whether to stop, and keep later requests if there is something to save now."""
         if self.asked and not self._held:
             raise Interrupted  # again: a destructor or the like has lost it
-        self._held = True
+        self._held = self.has_some is None or self.has_some()
         return self.asked
 
     def release(self) -> bool:
@@ -74,6 +78,7 @@ class Interruption:
         self.asked = True
         if number == _HANG_UP:
             _leave_terminal()
+        self._held = self._held or (self.has_some is not None and self.has_some())
         if not self._held:
             raise Interrupted
 

@@ -53,11 +53,8 @@ def tune_controller(
                 reached = f"{done} of {total}, root of cost {1e3 * least**0.5:.3g} mm"
                 bar.update(task, total=total, completed=done, description="tuning", reached=reached)
 
-            def stop() -> bool:
-                # until a start could be run there is nothing to save: stop immediately
-                return bool(np.isfinite(tuning.least)) and interruption.stop()
-
-            tuning.run(report, stop)
+            interruption.has_some = lambda: bool(np.isfinite(tuning.least))
+            tuning.run(report, interruption.stop)
             stopped = interruption.stop()
             if np.isfinite(tuning.least) and not stopped:
                 tuning.hold_out(interruption.stop)
@@ -66,7 +63,7 @@ def tune_controller(
             return f"no start could be run: {tuning.failure}"
         data = tuning.dataset()
         tuned = text.with_values(tuning.tuned(), "numbers by `crinoid tune`")
-        files = [found.write("tuned.toml", tuned), *found.save(data)]
+        files = found.save(data, {"tuned.toml": tuned})
         show(tuning_table(data, tuning.random), _tuning_notes(tuning, data), files)
     if stopped:
         words = f"after {int(tuning.trials.sum())} trials; the best so far is saved"
@@ -171,7 +168,7 @@ def identify_numbers(
             comment = f"{_lost_markers(data)} of the record were set aside as lost markers"
             comment = f"numbers by `crinoid identify`; {comment}"
             identified = text.with_values(search.numbers(), comment)
-            files = [found.write("identified.toml", identified), *found.save(data)]
+            files = found.save(data, {"identified.toml": identified})
             read = [note for each in records for note in each.notes]
             notes = [*read, *search.notes, *_identification_notes(search, data)]
             show(identification_table(data), notes, files)

@@ -33,10 +33,9 @@ def show_linearisation(
         with console.status("linearising"):
             full = find_state_space(found.prepared)
             model = full if order is None else _reduced(full, order)
-            model.save(path)
+            files = found.save(model.tip_response(), {path.name: model.save})
             others = [f"linear-model{ending}" for ending in FORMATS if ending != path.suffix]
             clear_own(folder, others)  # another model
-            files = [path, *found.save(model.tip_response())]
         show(_poles_table(model), model.notes, files, _lines(model, full))
 
 

@@ -48,6 +48,7 @@ def optimise_numbers(
         if not force:
             check_own(folder / SUMMARY_JSON)
         search = Optimisation(scenario, ranges, goal, seeds, trials, rest=rest)
+        interruption.has_some = lambda: search.best is not None
         with progress_bar() as bar:
             (task,) = bar.task_ids
 
@@ -57,12 +58,8 @@ def optimise_numbers(
                 words = "optimising" if done else "compiling"
                 bar.update(task, total=total, completed=done, description=words, reached=reached)
 
-            def stop() -> bool:
-                # until there is a trial there is nothing to save: stop immediately
-                return search.best is not None and interruption.stop()
-
             with solvable():
-                search.run(report, stop)
+                search.run(report, interruption.stop)
         stopped = interruption.stop()
         if search.best is None:
             return f"no trial could be run: {search.runs.failure or search.why}", FAILED
@@ -74,13 +71,9 @@ def optimise_numbers(
         elif missed:
             status = f"no trial keeps all limits: {'; '.join(missed)}"
         new = text.with_values(search.numbers(), f"numbers by `crinoid optimise`, for {measure}")
-        files = [
-            found.write("optimised.toml", new),
-            *found.save(search.dataset(status)),
-            found.write(
-                SUMMARY_JSON, json.dumps(_summary(search, status), indent=1, allow_nan=False)
-            ),
-        ]
+        summary = json.dumps(_summary(search, status), indent=1, allow_nan=False)
+        texts = {"optimised.toml": new, SUMMARY_JSON: summary}
+        files = found.save(search.dataset(status), texts)
         notes = [f"a search without gradients: {search.why}"] if search.why else []
         ends = np.isclose(search.best.point, np.round(search.best.point), rtol=0.0, atol=1e-3)
         if ends.any():

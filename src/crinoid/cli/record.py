@@ -90,7 +90,7 @@ def _show(
         data.attrs = describe(scenario) | data.attrs | {"notes": "\n".join(record.remarks)}
         shares = zip(data["speed"].values, data["share"].values, strict=True)
         text = "".join(f"{speed:.6g},{share:.6g}\n" for speed, share in shares)
-        files = [*found.save(data), found.write(HISTOGRAM, _HEAD + text)]
+        files = found.save(data, {HISTOGRAM: _HEAD + text})
         places = list(dict.fromkeys((int(order[0]), middle, int(order[-1]))))
         start = _start(dataset[find(dataset, flow.time, "time", name)])
         lines = _extent(record, start, middle)

@@ -222,7 +222,7 @@ def _run(
         bar.update(task, completed=saved, reached=f"{saved} of {plan.runs} runs")
 
     try:
-        return run_batches(plan, store, pool, done, report, stop)
+        return run_batches(plan, store, pool, done, report, stop, lambda text: say_notes([text]))
     finally:
         pool.close()
 

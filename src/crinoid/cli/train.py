@@ -1,6 +1,7 @@
 """Training of a policy: progress, its files, and a table."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -72,18 +73,18 @@ def train_policy(
                 words = f"best {training.least:.3g}, error {1e3 * training.rows[-1][2]:.3g} mm"
                 bar.update(task, completed=training.updates, description="training", reached=words)
                 if training.updates % EVALUATION_INTERVAL == 0:
-                    training.save(checkpoint)
+                    with suppress(OSError):  # such as a full disk: it may have room at the end
+                        training.save(checkpoint)
 
             stopped = training.run(report, interruption.stop)
-        training.save(checkpoint)
-        training.write(folder / POLICY)
         clear_own(folder, exports_of(POLICY))  # an old export must not pass for the new policy
         wrong = "" if np.isfinite(training.least) else f"{Status.FAILED}: no policy could be run"
         if stopped:
             wrong = f"{Status.INTERRUPTED} after {training.updates} updates"
         notes = [f"{training.lost} stretches could not be run to their end"] * bool(training.lost)
         data = training.dataset(wrong or Status.OK.value)
-        show(training_table(training), notes, [folder / POLICY, *found.save(data)])
+        files = found.save(data, {CHECKPOINT: training.save, POLICY: training.write})
+        show(training_table(training), notes, files)
     return f"{wrong}; go on with --resume" if stopped else wrong
 
 

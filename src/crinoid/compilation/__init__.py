@@ -10,5 +10,6 @@ from crinoid.compilation.program import Program as Program
 from crinoid.compilation.program import compiled as compiled
 from crinoid.compilation.program import free_memory as free_memory
 from crinoid.compilation.program import make_room as make_room
+from crinoid.compilation.program import require_own_process as require_own_process
 from crinoid.compilation.store import Store as Store
 from crinoid.compilation.store import keep_programs as keep_programs

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import gc
 import hashlib
 import logging
+import os
 import pickle
 import threading
 import time
@@ -61,6 +63,16 @@ _LONG = 15.0
 _LOGGER = logging.getLogger(__name__)
 _MOST_LOADED = 4
 """Number of loaded programs of one function: a study may need thousands."""
+
+
+_first_process = functools.cache(os.getpid)
+
+
+def require_own_process() -> None:
+    """Refuse a fork of the process that has computed: it lacks JAX's threads, and would hang."""
+    if _first_process() != os.getpid():
+        text = "crinoid has computed before this process was forked, and would hang in it"
+        raise RuntimeError(f'{text}. Start processes with multiprocessing.get_context("spawn").')
 
 
 def compiled(**compiler_options: Any) -> Callable[[Callable[P, R]], Program[P, R]]:
@@ -131,6 +143,7 @@ class Program(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the function."""
+        require_own_process()
         leaves, tree = jax.tree.flatten((args, kwargs))
         loaded = self._ready(leaves, tree)
         if loaded is None:

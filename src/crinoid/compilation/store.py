@@ -4,6 +4,7 @@ import functools
 import hashlib
 import io
 import json
+import logging
 import os
 import pickle
 import platform
@@ -201,11 +202,11 @@ class Store:
 
     @contextmanager
     def claim(self, key: bytes) -> Iterator[None]:
-        """Lock a key against other processes that compile the same program."""
+        """Lock a key against other processes that compile it, unless they do not get ready."""
         lock = filelock.FileLock(self.folder / f"{key.hex()[:2]}.lock")
         with suppress(OSError, NotImplementedError):  # without a lock several may compile it
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            lock.acquire()
+            _acquire(lock)
         try:
             yield
         finally:
@@ -277,6 +278,34 @@ def keep_programs() -> None:
             if _is_private(folder.lstat(), stat.S_ISDIR):
                 jax.config.update("jax_compilation_cache_dir", str(folder))
                 jax.config.update("jax_compilation_cache_max_size", _MOST_BYTES)
+
+
+_SAID, _PATIENCE = 5.0, 300.0
+"""Times after which a process says that it waits for another one, and waits no longer (s)."""
+_LOGGER = logging.getLogger(__name__)
+
+
+def _acquire(lock: filelock.BaseFileLock) -> None:
+    """Acquire a lock, or raise a `filelock.Timeout`."""
+    try:
+        lock.acquire(timeout=_SAID)
+    except filelock.Timeout:
+        holder, stopped = _holder(Path(lock.lock_file))
+        does = "is stopped, and is not waited for" if stopped else "compiles too: waiting for it"
+        _LOGGER.warning(f"crinoid: {holder} {does}")
+        lock.acquire(timeout=0 if stopped else _PATIENCE)
+
+
+def _holder(path: Path) -> tuple[str, bool]:
+    """Return which process locks a file, and whether it is stopped, as far as Linux tells."""
+    try:
+        inode = f":{path.stat().st_ino}"
+        locks = map(str.split, Path("/proc/locks").read_text().splitlines())
+        number = next(of[4] for of in locks if of[1] == "FLOCK" and of[5].endswith(inode))
+        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+    except (OSError, IndexError, StopIteration):
+        return "another process", False
+    return f"process {number}", state == "T"
 
 
 _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)

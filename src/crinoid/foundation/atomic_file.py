@@ -37,7 +37,7 @@ def atomic_write(path: Path, *, private: bool = False) -> Iterator[Path]:
         with temporary.open("rb") as written:
             os.fsync(written.fileno())  # otherwise a power cut could leave an empty file
         temporary.replace(path)
-    except (OSError, RuntimeError) as error:  # RuntimeError from netCDF
+    except (OSError, RuntimeError, UnicodeEncodeError) as error:  # the latter from netCDF
         raise _reason(error, path.parent) from error
     finally:
         with suppress(OSError):

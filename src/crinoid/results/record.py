@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
@@ -77,6 +78,10 @@ class Record(eqx.Module):
     """Time of that command (s)."""
     held: Float[Array, "*t"] | None = None
     """1 where the tip has its tool, 0 where not."""
+
+    def first(self, count: int) -> "Record":
+        """Return the first instants, in the host's memory and without the place of others."""
+        return jax.tree.map(lambda x: np.asarray(x)[:count].copy(), self)
 
 
 def signals(

@@ -240,16 +240,19 @@ class ExternalSignals:
         sources: tuple[tuple[str, Any], ...] = (("current", current), ("base", base))
         for kind, source in sources:
             if source is not None and kind not in self.kinds:
-                raise ValueError(f"{kind}: got {source}; must be named in external of the session")
+                text = got(source, "be named in external of the session")
+                raise ValueError(f"{kind}: {text}")
         water = self._velocity + (begin - self._begin) * self._acceleration
         if current is not None:
             water = numbers("current", current, water.shape)
+        if not isinstance(base or {}, Mapping):
+            raise ValueError(f"base: {got(base, 'be numbers by the names of channels')}")
         values, rates = self._values[-1].copy(), np.zeros(len(self._channels))
         for name, given in (base or {}).items():
             if name not in self._channels:
                 raise ValueError(f"base: {got(name, f'be {one_of(self._channels)}')}")
             index = self._channels.index(name)
-            pair = np.ndim(given) > 0
+            pair = isinstance(given, Sequence) or np.ndim(given) > 0
             found = numbers(f"base.{name}", given, (2,) if pair else ())
             value = float(found[0]) if pair else float(found)
             straight = (value - values[index]) / (end - begin)
@@ -267,11 +270,13 @@ _NUMBERS = ("_begin", "_velocity", "_acceleration", "_moved", "_times", "_values
 def numbers(key: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Return finite numbers of a shape, or raise ValueError with one line."""
     try:
-        found = np.asarray(given, float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{key}: {got(given, 'be numbers')}") from None
+        found = np.asarray(given)
+    except ValueError:  # rows of several lengths
+        found = np.array(None)
+    if found.dtype.kind not in "iuf":
+        raise ValueError(f"{key}: {got(given, 'be numbers')}")
     if found.shape != shape:
         raise ValueError(f"{key}: got the shape {found.shape}; must be {shape}")
     if not np.isfinite(found).all():
         raise ValueError(f"{key}: {got(found.tolist(), 'be finite')}")
-    return found
+    return found.astype(float)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from crinoid.assembly.plan import AssembledScenario, Parts
 from crinoid.assembly.prepared import Prepared
@@ -231,8 +230,7 @@ def _run(
         carry, kept, new, outcome = run_chunk(
             loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), CAPACITY
         )
-        count = int(new)
-        sink.append(jax.tree.map(lambda x: np.asarray(x)[:count], kept))  # noqa: B023
+        sink.append(kept.first(int(new)))
         took = time.perf_counter() - chunk_begun
         chunk = max(1, int(min(steps * _CHUNK_SECONDS / took, 16 * chunk)))
         if not outcome.converged:

@@ -42,7 +42,7 @@ from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import Sink, require_space, resume_state
-from crinoid.simulation.stepped_run import SteppedRun
+from crinoid.simulation.stepped_run import SteppedRun, alone
 
 _ATTRIBUTE = "external"
 """Attribute of a result with the last values from outside, to continue from."""
@@ -114,8 +114,9 @@ class Session(SteppedRun):
         self.paced = paced
         self._origin: float | None = None
         """Wall-clock time of the start of the simulation (s); None while it pauses."""
-        self._delays: list[float] = []
         self._spent = 0.0
+        self.late: Lateness
+        """Delay behind the wall clock since the start or the last reset, of a paced session."""
         self._signals = signals = ExternalSignals(external, given)
         parts = Parts(
             lambda plan: ExternalCommand(array(np.zeros(len(plan.inputs)))),
@@ -164,17 +165,13 @@ class Session(SteppedRun):
             return ""
         return f"simulation.duration = {self.scenario.simulation.duration:g} s is over"
 
-    @property
-    def late(self) -> Lateness:
-        """Delay behind the wall clock since the start or the last reset, of a paced session."""
-        return Lateness.of(self._delays)
-
     def __enter__(self) -> Session:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.pause()
 
+    @alone
     def reset(self) -> ControllerInput:
         """Return to the start.
 
@@ -191,6 +188,7 @@ class Session(SteppedRun):
         self._start()
         return self._go_to_command()
 
+    @alone
     def step(
         self,
         command: CommandLike,
@@ -239,14 +237,16 @@ class Session(SteppedRun):
         self.loop = self._signals.fed(loop)
         seen = self._go_to(min(self._next, self.scenario.simulation.steps))
         if self.paced:
-            self._delays.append(time.perf_counter() - self._origin - self.time)
-            time.sleep(max(0.0, -self._delays[-1]))
+            self.late = self.late.with_step(time.perf_counter() - self._origin - self.time)
+            time.sleep(max(0.0, -self.late.last))
         return seen
 
+    @alone
     def pause(self) -> None:
         """Stop the wall clock of a paced session until the next step."""
         self._origin = None
 
+    @alone
     def result(self) -> Result:
         """Return the result so far: that of a run that lasted until now.
 
@@ -284,7 +284,8 @@ class Session(SteppedRun):
         build = dataset_builder(self._setup)
         self._sink = Sink(one_instant(first), build, None)
         self._signals = ExternalSignals(self._signals.kinds, self.scenario)
-        self._origin, self._delays, self._spent = None, [], 0.0
+        self._origin, self._spent = None, 0.0
+        self.late = Lateness()
 
     def _go_to_command(self) -> ControllerInput:
         """Advance to the present or the first command."""

@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import jax
@@ -177,6 +177,8 @@ _EVERY = 4.0
 """Seconds of computing after which a file is brought up to date."""
 _MOST_HELD = 6_000_000
 """Bytes of instants after which they are put into the file already, not to count before that."""
+_LOOSE = 64
+"""Records that are put into one, as many small arrays need more memory than their numbers."""
 
 Build = Callable[[Record, float | None], xr.Dataset]
 """From instants, and the angle of the tip just before them (rad), to their data."""
@@ -192,7 +194,7 @@ class Sink:
     def __init__(self, first: Record, build: Build, path: Path | None) -> None:
         self._path = path
         self._build = build
-        self._records, self._held = [first], 0
+        self._records, self._held, self._loose = [first], 0, 0
         self._kept: xr.Dataset | None = None
         self._stream: Stream | None = None
         self._angle: float | None = None
@@ -214,6 +216,9 @@ class Sink:
         """Take some more instants, if there are any."""
         if record.time.size:
             self._records.append(record)
+            self._loose += 1
+            if self._loose == _LOOSE:
+                self._records[-_LOOSE:], self._loose = [_whole(self._records[-_LOOSE:])], 0
             self._held += sum(leaf.nbytes for leaf in jax.tree.leaves(record))
 
     def look(self, carry: LoopState, wall_time: float) -> None:
@@ -250,9 +255,13 @@ class Sink:
 
     def _take(self) -> xr.Dataset:
         """Return the data of the instants that are held, and hold them no more."""
-        whole = jax.tree.map(lambda *parts: np.concatenate(parts), *self._records)
+        whole = _whole(self._records)
         self._records.clear()  # a long run fills the memory
-        self._held = 0
+        self._held = self._loose = 0
         data = self._build(whole, self._angle)
         self._angle = float(data["tip_angle"][-1])
         return data
+
+
+def _whole(records: Sequence[Record]) -> Record:
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *records)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NoReturn, TypeVar, cast
+
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
-from crinoid.compilation import OFTEN, compiled
+from crinoid.compilation import OFTEN, compiled, require_own_process
 from crinoid.dynamics import Outcome
 from crinoid.results.record import Record
 from crinoid.simulation.chunk import chunk_program, record
@@ -29,7 +33,10 @@ class SteppedRun:
     """Outcome of the time step that failed, if one did."""
 
     def __init__(self, stride: int, capacity: int) -> None:
-        self._stride, self._capacity = stride, capacity
+        self._stride, self._capacity, self._lock = stride, capacity, threading.RLock()
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        raise TypeError(f"{type(self).__name__}: cannot be copied or pickled. Make another one.")
 
     @property
     def time(self) -> float:
@@ -49,7 +56,7 @@ class SteppedRun:
         if end > begin and not outcome.converged:
             self.failed = outcome
         count = int(new)
-        return jax.tree.map(lambda x: np.asarray(x)[:count], kept) if count else None
+        return kept.first(count) if count else None
 
     def compile(self) -> None:
         """Compile the program, so that a later call is fast."""
@@ -64,6 +71,21 @@ class SteppedRun:
         return chunk_program(0)(
             self.loop, self.state, jnp.asarray(end, int), stride, self._capacity
         )
+
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def alone(method: F) -> F:
+    """Let a method wait for other threads that use the same run, and refuse a fork."""
+
+    @wraps(method)
+    def locked(self: SteppedRun, *args: Any, **kwargs: Any) -> Any:
+        require_own_process()  # first: nobody releases a lock that was held at a fork
+        with self._lock:
+            return method(self, *args, **kwargs)
+
+    return cast(F, locked)
 
 
 _look = compiled(**OFTEN)(record)

@@ -14,7 +14,7 @@ from gymnasium.spaces import Box
 from jaxtyping import Array, Float
 
 from crinoid.assembly.neural import Entry
-from crinoid.compilation import OFTEN
+from crinoid.compilation import OFTEN, require_own_process
 from crinoid.dynamics import Outcome
 from crinoid.foundation.status import Status
 from crinoid.learning.environment import TASKS
@@ -33,6 +33,7 @@ from crinoid.scenario.errors import got
 from crinoid.scenario.library import Source, load, scenario_of
 from crinoid.simulation.batch import on_processor
 from crinoid.simulation.conclusion import short_step_failure
+from crinoid.simulation.external import numbers
 
 Reward = Callable[[RewardInput], Float[Array, ""]]
 RENDER_MODES = ("rgb_array",)
@@ -148,11 +149,11 @@ class ArmEnv(NamedBoxes, gymnasium.Env[np.ndarray, np.ndarray]):
         gymnasium.error.ResetNeeded
             If the episode is over, or none has started.
         ValueError
-            If the action has another shape, or is not a number.
+            If the action has another shape, or is not finite numbers.
         """
         if self._over:
             raise ResetNeeded("the episode is over, or none has started. Call reset().")
-        output = self._output(check_action(action, self._idle.shape), first=False)
+        output = self._output(numbers("action", action, self._idle.shape), first=False)
         ended = bool(output.failed or output.success)
         late = bool(output.over) and not ended
         self._over = ended or late
@@ -181,6 +182,7 @@ class ArmEnv(NamedBoxes, gymnasium.Env[np.ndarray, np.ndarray]):
             return self._painter.at(now, float(self.metadata["render_fps"]))
 
     def _output(self, action: np.ndarray, *, first: bool) -> StepOutput:
+        require_own_process()
         with on_processor():
             self._episode, row, self._outcome = self._advance(
                 self._case, self._episode, action, np.asarray(first)
@@ -221,16 +223,6 @@ def _rules(sampler: EpisodeSampler, reward: Reward, success: Success | None) -> 
 def _space(entries: tuple[Entry, ...], kind: Any) -> Box:
     limits = np.array([(entry.lower, entry.upper) for entry in entries]).T.astype(kind)
     return Box(limits[0], limits[1], dtype=kind)
-
-
-def check_action(action: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an action as numbers, or refuse it."""
-    found = np.asarray(action, float)
-    if found.shape != shape:
-        raise ValueError(f"action: got the shape {found.shape}; must be {shape}")
-    if np.isnan(found).any():
-        raise ValueError(f"action: {got(found.tolist(), 'be numbers')}")
-    return found
 
 
 def make_env(

@@ -15,16 +15,17 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Array
 
-from crinoid.compilation import OFTEN
+from crinoid.compilation import OFTEN, require_own_process
 from crinoid.foundation.status import Status
 from crinoid.learning.environment.draws import Arrays, EpisodeDraw, NamedBoxes, arrays_of
-from crinoid.learning.environment.env import EpisodeProgram, Reward, check_action, task_arguments
+from crinoid.learning.environment.env import EpisodeProgram, Reward, task_arguments
 from crinoid.learning.environment.episode import StepOutput
 from crinoid.learning.environment.reward import Success, closeness
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.errors import got
 from crinoid.scenario.library import Source
 from crinoid.simulation.batch import cores
+from crinoid.simulation.external import numbers
 
 _FEWEST = 16
 """Least default number of episodes that a reset prepares."""
@@ -135,7 +136,7 @@ class ArmVectorEnv(NamedBoxes, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if not self._pool:
             raise ResetNeeded("no episode has started. Call reset().")
-        commands = check_action(actions, self._shape)
+        commands = numbers("action", actions, self._shape)
         fresh = self._fresh
         self._rows = np.where(fresh, (self._rows + self.num_envs) % self._draws, self._rows)
         output, outcomes = self._output(commands)
@@ -157,6 +158,7 @@ class ArmVectorEnv(NamedBoxes, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
             return own, np.asarray(rows), outcomes
 
+        require_own_process()
         found = list(self._threads.map(run, range(len(self._slices))))
         self._parts = [own for own, _, _ in found]
         output = StepOutput.of(np.concatenate([rows for _, rows, _ in found]))

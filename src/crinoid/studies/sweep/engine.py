@@ -124,12 +124,13 @@ def run_batches(
     done: set[int],
     report: Callable[[int], None],
     stop: Callable[[], bool],
+    tell: Callable[[str], None] = lambda text: None,
 ) -> bool:
     """Run the missing batches of a plan and save each; return False if stopped before.
 
     A batch whose worker dies, or needs far longer than others, is tried three times in all; then
-    its runs fail. The numbers of the saved batches are added to ``done``, the number of the saved
-    runs is reported, and ``stop`` is asked five times a second.
+    its runs fail; ``tell`` gets a line about it at once. The numbers of the saved batches are added
+    to ``done``, that of the saved runs is reported, and ``stop`` is asked five times a second.
     """
     scenario = tomli_w.dumps(plan.scenario.to_dict())
     batches = plan.batches
@@ -142,6 +143,8 @@ def run_batches(
 
     def failed(number: int, reason: str) -> None:
         tries[number] += 1
+        ends = "is tried again" if tries[number] < _TRIES else "fails"
+        tell(f"batch {number + 1} of {len(batches)} {ends}: {reason}")
         if tries[number] < _TRIES:
             waiting.append(number)
             return
