@@ -1,0 +1,161 @@
+"""Each number of `crinoid.parameters` acts as its key does, or is documented.
+
+A key that moves one number alone is that number: a system assembled from the changed number is the
+system of the changed scenario.
+"""
+
+import re
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import crinoid
+from crinoid.assembly.held_numbers import DERIVED, STRUCTURE
+from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.threads import UNLIMITED
+from crinoid.scenario import ScenarioError
+from crinoid.scenario.model import Model
+from crinoid.scenario.scenario import scenario_schema
+from helpers.every_table import PLANE, SPACE
+
+ROOT = Path(__file__).parents[2]
+LIBRARY = ["reef", "ship-motion", "tidal-channel"]
+"""Built-in scenarios with files."""
+SENSORS = ("Contact", "Inclination", "Shape", "Wrench", "Current")
+UNUSED = {"ActuatorTable", "FileMotion", "Phase", *(f"{name}Sensor" for name in SENSORS)}
+"""Tables without a number of the parameters, or with those of a table that is used."""
+NOT_A_NUMBER = {"title", "output", "target", "sensor", "sensors", "control"}
+"""Tables of which no number, or only gains, are among the parameters."""
+
+
+def keys(table, place=""):
+    """Yield the dotted keys of all numbers in a plain table, with their values."""
+    if isinstance(table, float):
+        yield place, table
+    elif isinstance(table, dict):
+        for key, value in table.items():
+            yield from keys(value, f"{place}.{key}" if place else key)
+    elif isinstance(table, tuple | list):
+        for index, value in enumerate(table):
+            yield from keys(value, f"{place}.{index}")
+
+
+def numbers(parameters):
+    """Return the numbers by name."""
+    found, _ = jax.tree_util.tree_flatten_with_path(parameters)
+    return {jax.tree_util.keystr(path).lstrip("."): np.asarray(leaf) for path, leaf in found}
+
+
+def differ(one, other):
+    return one.shape != other.shape or not np.allclose(one, other, rtol=1e-9, atol=0)
+
+
+def moved(one, other):
+    """Return the names of numbers that differ, or that only one of both has."""
+    common = one.keys() & other.keys()
+    return (one.keys() ^ other.keys()) | {name for name in common if differ(one[name], other[name])}
+
+
+def changed(prepared, key, value):
+    """Return the scenario with the key doubled, or else with a value that it may have."""
+    for new in (2 * value, value / 2, 1.1 * value, 0.9 * value) if value else (1.0, 0.1, 1e-4):
+        try:
+            scenario = prepared.scenario.with_values({key: new})
+            other = prepared.with_scenario(scenario)
+            _ = other.parameters
+        except ScenarioError:
+            continue
+        return other
+    return None
+
+
+def walk(scenario):
+    """Yield each key of a scenario that moves numbers, with these and the changed parameters."""
+    prepared = Prepared(scenario)
+    before = numbers(prepared.parameters)
+    for key, value in keys(prepared.scenario.model_dump(by_alias=True)):
+        first, *more = key.split(".")
+        if first in NOT_A_NUMBER and more[:1] != ["pid"]:
+            continue
+        other = changed(prepared, key, value)
+        found = set() if other is None else moved(before, numbers(other.parameters))
+        if found:
+            yield key, found, other.parameters
+
+
+def held(name, table):
+    """Return the words of a table for a number; a name stands for all that is in it."""
+    for known, words in table.items():
+        if re.match(re.escape(known).replace(r"\[i\]", r"\[\d+\]") + r"(?!\w)", name):
+            return words
+    return None
+
+
+def general(name):
+    """Return the name of a number of all tables of a list."""
+    return re.sub(r"(?<=\[)\d+(?=\])", "i", name)
+
+
+def follow(scenario):
+    """Return the numbers of a scenario, and those that some key moves alone."""
+    before, alone = Prepared(scenario).parameters, set()
+    structure, known = jax.tree.structure(before), numbers(before)
+    for key, found, after in walk(scenario):
+        own = {name for name in found if not held(name, DERIVED)}
+        assert len(own) <= 1, f"{key} moves {sorted(own)}: derive or document all but one"
+        # a number that appears with the structure is not offered before
+        if jax.tree.structure(after) != structure and found <= known.keys():
+            assert all(held(name, STRUCTURE | DERIVED) for name in found), f"{key}: {found}"
+        alone |= own
+    return known, alone
+
+
+@pytest.fixture(scope="module")
+def scenarios(tmp_path_factory):
+    """Return scenarios that together use every table that has numbers."""
+    path = tmp_path_factory.mktemp("bed") / "bed.csv"
+    path.write_text("x,h\n" + "\n".join(f"{x},{-0.1 * x * x - 12}" for x in range(-9, 10)))
+    bed = {"kind": "seabed", "file": str(path), "height": "h"}
+    plain = [PLANE, SPACE, {"arm": {"nodes": 5}, "obstacle": [bed]}]
+    return [*map(crinoid.Scenario.from_dict, plain), *map(crinoid.load, LIBRARY)]
+
+
+def test_each_key_of_a_planar_arm_moves_one_number_or_is_documented(scenarios):
+    known, alone = follow(scenarios[0])
+    assert len(known) > 150
+    assert len(alone) > 110
+
+
+@pytest.mark.slow
+def test_each_key_moves_one_number_and_each_number_has_a_key_or_is_documented(scenarios):
+    found = [follow(scenario) for scenario in scenarios]
+    alone = {general(name) for _, some in found for name in some}
+    for name, value in (pair for known, _ in found for pair in known.items()):
+        absent = np.all((value == 0) | ~np.isfinite(value) | (value == UNLIMITED))
+        whole = not np.issubdtype(value.dtype, np.floating)
+        documented = held(name, DERIVED) or general(name) in alone
+        assert documented or absent or whole, f"no key moves {name} alone: document it"
+    # what is documented is there
+    names = {name for known, _ in found for name in known}
+    for known in DERIVED | STRUCTURE:
+        assert any(held(name, {known: ""}) is not None for name in names), known
+
+
+def test_the_scenarios_use_every_table(scenarios):
+    def tables(model):
+        yield type(model).__name__
+        for value in vars(model).values():
+            for each in value if isinstance(value, tuple) else [value]:
+                if isinstance(each, Model):
+                    yield from tables(each)
+
+    used = {name for scenario in scenarios for name in tables(scenario)}
+    assert scenario_schema()["$defs"].keys() - used == UNUSED
+
+
+def test_the_page_lists_them():
+    page = (ROOT / "docs/how-to/parameters.md").read_text()
+    for name, words in (DERIVED | STRUCTURE).items():
+        assert f"| `{name}` | {words} |" in page
