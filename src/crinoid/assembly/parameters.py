@@ -262,7 +262,7 @@ class Parameters(eqx.Module):
     """All numbers that a `crinoid.System` is assembled from, and the gains; a pytree of arrays.
 
     The result of `crinoid.parameters`, and the argument of `crinoid.assemble`. A changed number
-    acts as its key does; ``crinoid.assembly.held_numbers`` lists those that hold something fixed.
+    acts as its key does, except for those that docs/how-to/parameters.md lists under "What stays".
     """
 
     arm: ArmParameters

@@ -136,7 +136,7 @@ class Waves(Flow):
 
     @property
     def _numbers(self) -> Float[Array, " m"]:
-        assert self.wave_numbers is not None, "on no current yet"
+        assert self.wave_numbers is not None, "waves need `carried` first"
         return self.wave_numbers
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
@@ -185,12 +185,12 @@ def on_currents(flows: tuple[Flow, ...], gravity: Float[Array, ""]) -> tuple[Flo
     """
     means = [flow.uniform_mean for flow in flows if flow.uniform_mean is not None]
 
-    def met(flow: Flow) -> Flow:
-        if isinstance(flow, Waves) and flow.wave_numbers is None:
-            return flow.carried(sum(means, jnp.zeros(flow.heading.size + 1)), gravity)
-        return flow
-
-    return tuple(map(met, flows))
+    return tuple(
+        flow.carried(sum(means, jnp.zeros(flow.heading.size + 1)), gravity)
+        if isinstance(flow, Waves) and flow.wave_numbers is None
+        else flow
+        for flow in flows
+    )
 
 
 def jonswap(relative: Float[np.ndarray, " f"], gamma: float) -> Float[np.ndarray, " f"]:
