@@ -261,3 +261,23 @@ def test_a_changed_number_and_its_derivative_are_those_of_the_key():
         size = np.abs(slope).max()
         assert size > 1e-9, key
         np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * STEP), atol=1e-4 * size)
+
+
+@pytest.mark.release
+def test_a_loop_with_a_changed_number_moves_as_that_of_the_scenario_with_the_key():
+    simulation = MOVING["simulation"] | {"tolerance": 1e-9}
+    scenario = crinoid.Scenario.from_dict(MOVING | {"simulation": simulation})
+    loop, state = crinoid.closed_loop(scenario)
+    changed_loop = eqx.filter_jit(crinoid.with_parameters)
+    tips = eqx.filter_jit(lambda loop: crinoid.rollout(loop, state, 3).kept.tip)
+    values, still = dict(keys(scenario.model_dump())), tips(loop)
+    for key in ACTING:
+        other = scenario.with_values({key: 2 * values[key]})
+        by_number = changed_loop(loop, crinoid.parameters(other))
+        by_key, _ = crinoid.closed_loop(other)
+        pair = [numbers(eqx.filter(each, INEXACT)) for each in (by_number, by_key)]
+        assert not moved(*pair), key
+        ends = [tips(each) for each in (by_number, by_key)]
+        np.testing.assert_allclose(*ends, atol=1e-14, err_msg=key)
+        if not key.startswith("obstacle"):
+            assert np.abs(ends[0] - still).max() > 1e-6, key
