@@ -500,7 +500,15 @@ def test_gradients_by_pressure_area_and_offset():
 
     def height(change):
         def numbers(t):
-            return t.max_pressure, t.area, t.offset, t.shares, t.shortening, t.stiffness
+            return (
+                t.max_pressure,
+                t.area,
+                t.offset,
+                t.shares,
+                t.max_volume,
+                t.max_shortening,
+                t.stiffness,
+            )
 
         threads = parameters.actuator[0]
         changed = [
@@ -513,12 +521,12 @@ def test_gradients_by_pressure_area_and_offset():
         return jnp.append(state.position[-1], state.base_moment)
 
     # at the middle and at both ends, each along its way
-    ways = jnp.tile(jnp.eye(6), (3, 1))
-    points = 1e-4 * jnp.repeat(jnp.array([0.0, 1.0, -1.0]), 6)[:, None] * ways
+    ways = jnp.tile(jnp.eye(7), (3, 1))
+    points = 1e-4 * jnp.repeat(jnp.array([0.0, 1.0, -1.0]), 7)[:, None] * ways
     along = eqx.filter_jit(lambda point, way: jax.jvp(height, (point,), (way,)))
     found, slopes = (np.stack(each) for each in zip(*map(along, points, ways), strict=True))
-    differences = (found[6:12] - found[12:]) / 2e-4
-    np.testing.assert_allclose(slopes[:6], differences, rtol=1e-6, atol=1e-9)
+    differences = (found[7:14] - found[14:]) / 2e-4
+    np.testing.assert_allclose(slopes[:7], differences, rtol=1e-6, atol=1e-9)
 
 
 # --- the actuator ---------------------------------------------------------------------------------

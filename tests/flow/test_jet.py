@@ -75,7 +75,7 @@ def flows(dimension):
             depth=30.0,
             gravity=9.81,
             generator=third,
-        ),
+        ).carried(jnp.zeros(dimension), jnp.asarray(9.81)),
     )
 
 
@@ -232,7 +232,7 @@ def test_a_current_can_be_differentiated_once_more(mode):
 
     def slopes(strength):
         stronger = eqx.tree_at(
-            lambda water: [flow.amplitudes for flow in water.flows[1:]],
+            lambda water: [water.flows[1].relative_amplitudes, water.flows[2].amplitudes],
             water,
             replace_fn=strength.__mul__,
         )

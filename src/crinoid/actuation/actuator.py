@@ -170,7 +170,7 @@ class Follower(Actuator):
     lag: Drives
     """Time constant (s)."""
     max_rate: Drives
-    """Greatest rate (1/s); 1e12 if there is none, which keeps slopes finite."""
+    """Greatest rate (1/s); above 1e12 if there is none, which keeps slopes finite."""
     dead_band: Drives
     """Change of the target that is not followed."""
     times: Float[Array, "drive point"]

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from crinoid.flow.waves import jonswap, wave_number
+from crinoid.flow.waves import deep_wave_number, jonswap
 from crinoid.numerics.signals_and_systems import Spectrum, integral_time, spectrum, von_karman
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import described
@@ -191,7 +191,7 @@ def _sea(
     if density[waves].sum() <= density.sum() / 2 or below.mean() > _CALM * density.max():
         return None
     rate = 2 * np.pi * frequency
-    decay = np.exp(2 * wave_number(rate, None, _GRAVITY) * min(height, 0.0))
+    decay = np.exp(2 * deep_wave_number(rate, _GRAVITY) * min(height, 0.0))
     model = jonswap(frequency / peak, _GAMMA) * rate**2 * decay
     return model * density[waves].sum() / model[waves].sum()
 

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.assembly.door import build_part
+from crinoid.assembly.door import build_part, part_name, require
 from crinoid.elements import Element
 from crinoid.flow import Flow, MeasuredPoint, MeasuredProfile
 from crinoid.flow.flow import panels_of
@@ -98,7 +98,11 @@ def build_flow(
     # two random flows of one scenario are not the same
     seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
     given = (np.random.default_rng(seed), *(() if recording is None else (recording,)))
-    return build_part(f"flow {index}", Flow, flow.build, scenario, *given)
+    built = build_part(f"flow {index}", Flow, flow.build, scenario, *given)
+    if flow.uniform_mean is not None and built.uniform_mean is None:
+        text = "got None; must be the mean velocity, as that of its table: waves ride on it"
+        require(False, f"{part_name(built, f'flow {index}')} uniform_mean", text)
+    return built
 
 
 def measured(

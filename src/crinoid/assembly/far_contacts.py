@@ -28,8 +28,9 @@ class SelfContactParameters(eqx.Module):
     """The numbers of ``[contact]``."""
 
     friction: Float[Array, ""]
-    beyond: tuple[int, ...] = eqx.field(static=True)
-    """First edge ahead of each edge that it can touch."""
+    """Of the arm with itself and with the hull."""
+    beyond: tuple[int, ...] | None = eqx.field(static=True)
+    """First edge ahead of each edge that it can touch; None of an arm that reaches only a hull."""
 
     @staticmethod
     def of(scenario: Scenario) -> SelfContactParameters | None:
@@ -39,14 +40,14 @@ class SelfContactParameters(eqx.Module):
         beyond = far_edges(*_edges(scenario))
         if min(beyond) == scenario.arm.nodes - 1:
             if scenario.hull is not None:
-                return None
+                return SelfContactParameters(array(scenario.contact.friction), None)
             hint = "The arm is too short for its radius to turn back and touch itself."
             raise ScenarioError([Mistake("contact.self", got(True, "be false", hint))])
         return SelfContactParameters(array(scenario.contact.friction), beyond)
 
-    def far_edges(self, rod: Rod) -> FarEdges:
-        """Build the contact of a rod with itself; traceable."""
-        return FarEdges.of(rod, self.beyond, self.friction)
+    def far_edges(self, rod: Rod) -> tuple[FarEdges, ...]:
+        """Build the contact of a rod with itself, if there is any; traceable."""
+        return () if self.beyond is None else (FarEdges.of(rod, self.beyond, self.friction),)
 
 
 def _edges(scenario: Scenario) -> tuple[Float[np.ndarray, " e"], Float[np.ndarray, " e"]]:
@@ -61,7 +62,6 @@ class HullParameters(eqx.Module):
 
     length: Float[Array, ""]
     diameter: Float[Array, ""]
-    friction: Float[Array, ""]
     first_edge: int = eqx.field(static=True)
     """First edge of the arm that can touch it."""
 
@@ -74,17 +74,18 @@ class HullParameters(eqx.Module):
         if first == scenario.arm.nodes - 1:
             must = "be left out for an arm too short to turn back to it"
             raise ScenarioError([Mistake("vehicle.hull", got(scenario.hull, must))])
-        friction = array(scenario.contact.friction)
-        return from_table(HullParameters, scenario.hull, friction=friction, first_edge=first)
+        return from_table(HullParameters, scenario.hull, first_edge=first)
 
-    def hull(self, rod: Rod, base: Base, vehicle: Vehicle | None) -> Hull:
+    def hull(
+        self, rod: Rod, base: Base, vehicle: Vehicle | None, friction: Float[Array, ""]
+    ) -> Hull:
         """Build the hull behind the root of a rod; traceable."""
         contact = HullContact.of(
             rod,
             self.first_edge,
             length=self.length,
             diameter=self.diameter,
-            friction=self.friction,
+            friction=friction,
             mass=jnp.asarray(jnp.inf) if vehicle is None else vehicle.mass,
         )
         if vehicle is None:

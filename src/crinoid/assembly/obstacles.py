@@ -33,7 +33,8 @@ from crinoid.elements.bodies import capsule_inertia
 from crinoid.elements.contact import surfaces
 from crinoid.numerics.grid_spline import GridSpline
 from crinoid.rod import Rod
-from crinoid.scenario import Capsule, Mesh, Obstacle, Plane, Scenario, Seabed, Sphere
+from crinoid.scenario import Mesh, Obstacle, Plane, Scenario, Seabed
+from crinoid.scenario.obstacle import ENDLESS
 from crinoid.scenario.quantity import unit_vector
 
 if TYPE_CHECKING:
@@ -48,8 +49,10 @@ class ObstacleParameters(eqx.Module):
     velocity: Float[Array, "m d"]
     """Drift of each one; 0 of one that the flow carries (m/s)."""
     radius: Float[Array, " m"]
-    half_axis: Float[Array, "m d"]
+    axis: Float[Array, "m 3"]
+    """Direction of each cylinder or capsule, of any length."""
     normal: Float[Array, "m d"]
+    """Direction out of each plane, of any length; 0 of others."""
     friction: Float[Array, " m"]
     rolling_friction: Float[Array, " m"]
     """Moment of rolling resistance over the force (m)."""
@@ -58,9 +61,10 @@ class ObstacleParameters(eqx.Module):
     mass: Float[Array, " m"]
     """Infinite for one that the arm cannot push away (kg)."""
     length: Float[Array, " m"]
-    """Distance of the middles of a capsule's ends (m)."""
-    inertia: Float[Array, "m turns turns"]
-    """Moments of inertia at the start, about the axes of the world (kg m2)."""
+    """Distance of the middles of the ends of a capsule or cylinder (m); 0 of others."""
+    inertia: tuple[Float[Array, " turns"] | None, ...]
+    """Moments of inertia at the start, about the axes of the world (kg m2); None of one that has
+    those of a homogeneous solid."""
     spin: Float[Array, "m turns"]
     """Angular velocity at the start (rad/s)."""
     surfaces: tuple[Surface | None, ...]
@@ -80,20 +84,23 @@ class ObstacleParameters(eqx.Module):
         edge = arm.length / (arm.nodes - 1)
         still = np.zeros(len(obstacles[0].position))
         drifts = [obstacle.velocity for obstacle in obstacles]
-        turns = 1 if still.size == 2 else 3
+        turns, poles = 1 if still.size == 2 else 3, {"cylinder": 2 * ENDLESS}
         free = tuple(index for index, obstacle in enumerate(obstacles) if obstacle.free)
         return ObstacleParameters(
             position=array([o.position for o in obstacles]),
             velocity=array([still if drift == "flow" else drift for drift in drifts]),
             radius=array([getattr(o, "radius", 0.0) for o in obstacles]),
-            half_axis=array([o.half_axis for o in obstacles]),
+            axis=array([unit_vector(getattr(o, "axis", (0.0, 1.0, 0.0))) for o in obstacles]),
             normal=array([o.out for o in obstacles]),
             friction=array([o.friction for o in obstacles]),
             rolling_friction=array([o.rolling_friction for o in obstacles]),
             spinning_friction=array([o.spinning_friction for o in obstacles]),
             mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
-            length=array([getattr(o, "length", 0.0) for o in obstacles]),
-            inertia=array([_inertia(o, turns) for o in obstacles]),
+            length=array([getattr(o, "length", poles.get(o.kind, 0.0)) for o in obstacles]),
+            inertia=tuple(
+                None if given is None else array(np.broadcast_to(given, turns))
+                for given in (getattr(o, "inertia", None) for o in obstacles)
+            ),
             spin=array([np.broadcast_to(getattr(o, "spin", 0.0), turns) for o in obstacles]),
             surfaces=tuple(each and _surface(each, edge) for each in found) if any(found) else (),
             metacentric_height=array([getattr(o, "metacentric_height", 0.0) for o in obstacles]),
@@ -115,8 +122,8 @@ class ObstacleParameters(eqx.Module):
             contact=Contact.of(
                 rod,
                 radius=self.radius,
-                half_axis=self.half_axis,
-                normal=self.normal,
+                half_axis=self._half_axis,
+                normal=_unit(self.normal),
                 friction=self.friction,
                 mass=self.mass,
                 tool=tool,
@@ -127,6 +134,22 @@ class ObstacleParameters(eqx.Module):
             carried=self.carried,
             surfaces=self.surfaces,
         )
+
+    @property
+    def _half_axis(self) -> Float[Array, "m d"]:
+        """Half of the cores that the surfaces are around, in the plane or in space (m)."""
+        seen = [0, 2] if self.position.shape[1] == 2 else [0, 1, 2]
+        return 0.5 * self.length[:, None] * _unit(self.axis)[:, np.array(seen)]
+
+    def _inertia(self, index: int) -> Float[Array, "turns turns"]:
+        """Return the inertia of a free body, by default that of a homogeneous solid (kg m2)."""
+        given, axis = self.inertia[index], _unit(self.axis)[index]
+        if given is not None:
+            return jnp.diag(given)
+        size = (each[index] for each in (self.mass, self.radius, self.length))
+        along, across = capsule_inertia(*size)
+        moments = across * jnp.eye(3) + (along - across) * jnp.outer(axis, axis)
+        return moments if self.spin.shape[1] == 3 else moments[1:2, 1:2]
 
     def _bodies(self, rod: Rod, density: Array, gravity: Array) -> FreeBodies:
         """Build the free bodies among the obstacles."""
@@ -140,8 +163,8 @@ class ObstacleParameters(eqx.Module):
             body=Body.of(
                 mass=self.mass[at],
                 radius=self.radius[at],
-                inertia=self.inertia[at],
-                half_axis=self.half_axis[at],
+                inertia=jnp.stack([self._inertia(index) for index in self.free]),
+                half_axis=self._half_axis[at],
                 length=self.length[at],
                 metacentric_height=self.metacentric_height[at],
                 density=density,
@@ -161,8 +184,8 @@ class ObstacleParameters(eqx.Module):
         contact = BodyContact.between(
             pairs,
             radius=self.radius,
-            half_axis=self.half_axis,
-            normal=self.normal,
+            half_axis=self._half_axis,
+            normal=_unit(self.normal),
             friction=self.friction,
             rolling=self.rolling_friction,
             spinning=self.spinning_friction,
@@ -177,18 +200,10 @@ class ObstacleParameters(eqx.Module):
         return BodySurfaceContact(**vars(contact), surface=one)
 
 
-def _inertia(obstacle: Obstacle, turns: int) -> Float[np.ndarray, "turns turns"]:
-    """Return the inertia of a free obstacle, by default that of a homogeneous solid (kg m2)."""
-    moments = np.zeros((3, 3))
-    if isinstance(obstacle, Sphere | Capsule) and obstacle.mass is not None:
-        if obstacle.inertia is not None:
-            moments = np.diag(np.broadcast_to(obstacle.inertia, 3))
-        else:
-            length = obstacle.length if isinstance(obstacle, Capsule) else 0.0
-            axis = unit_vector(obstacle.axis) if isinstance(obstacle, Capsule) else (1.0, 0.0, 0.0)
-            along, across = capsule_inertia(obstacle.mass, obstacle.radius, length)
-            moments = across * np.eye(3) + (along - across) * np.outer(axis, axis)
-    return moments if turns == 3 else moments[1:2, 1:2]
+def _unit(vectors: Float[Array, "m b"]) -> Float[Array, "m b"]:
+    """Return directions of vectors, 0 of one without."""
+    squared = jnp.sum(vectors**2, axis=1, keepdims=True)
+    return vectors / jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
 
 
 def _pairs(obstacles: Sequence[Obstacle], free: tuple[int, ...]) -> tuple[Pair, ...]:

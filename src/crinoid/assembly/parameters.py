@@ -192,7 +192,7 @@ def keulegan_carpenter(scenario: Scenario) -> float:
                 depth=depth,
                 gravity=gravity,
                 current=flow.current(scenario),
-            )
+            ).carried(array([flow.current(scenario), 0.0]), array(gravity))
             place = array((0.0, scenario.base.position[-1]))
             # the level velocity under a crest
             speed = float(waves.fully_on(place, array(0.0))[0])
@@ -261,7 +261,8 @@ class SimulationParameters(eqx.Module):
 class Parameters(eqx.Module):
     """All numbers that a `crinoid.System` is assembled from, and the gains; a pytree of arrays.
 
-    The result of `crinoid.parameters`, and the argument of `crinoid.assemble`.
+    The result of `crinoid.parameters`, and the argument of `crinoid.assemble`. A changed number
+    acts as its key does, except for those that docs/how-to/parameters.md lists under "What stays".
     """
 
     arm: ArmParameters

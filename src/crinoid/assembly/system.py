@@ -20,7 +20,7 @@ from crinoid.dynamics import FarContact, Forces, FreeBodies, Hull, Settings, Sys
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
-from crinoid.flow import Flow, Water
+from crinoid.flow import Flow, Water, on_currents
 from crinoid.numerics.frames import moments
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.kinds import is_own
@@ -102,13 +102,14 @@ def assemble(parameters: Parameters) -> System:
         vehicle = parameters.vehicle.vehicle(water.density, water.gravity)
     held = Base(base.angles, rod.rest_length[0], base.servo, base.motion)
     contact, hull = parameters.contact, parameters.hull
-    far: tuple[FarContact, ...] = () if contact is None else (contact.far_edges(rod),)
-    far += () if hull is None else (hull.hull(rod, held, vehicle),)
+    far: tuple[FarContact, ...] = () if contact is None else contact.far_edges(rod)
+    if hull is not None and contact is not None:  # a hull needs contact.self
+        far += (hull.hull(rod, held, vehicle, contact.friction),)
     system = System(
         reference=rod.reference,
         forces=Forces(
             (*elements, *through),
-            Water(parameters.flow),
+            Water(on_currents(parameters.flow, water.gravity)),
             base.position,
             obstacles,
             vehicle=vehicle,

@@ -72,14 +72,18 @@ def assemble_actuators(
     return tuple(actuators), tuple(elements), lines
 
 
-_UNLIMITED = 1e12
-"""Rate that no step reaches (1/s)."""
+UNLIMITED = 1e30
+"""Rate that no step reaches, in any unit."""
 _NONE = -1
 """Thread of an unused slot."""
 
 
 class ThreadParameters(ActuatorParameters):
-    """The numbers of all chambers and tendons of an arm, the chambers first."""
+    """The numbers of all chambers and tendons of an arm, the chambers first.
+
+    Drives are in the unit of their keys: Pa or N, and of a line m3 or m (`crinoid.dynamics.threads`
+    says what a line is). Commands and schedules are shares of the largest drive.
+    """
 
     span: Float[Array, "thread 2"]
     offset: Float[Array, "thread 2"]
@@ -89,26 +93,31 @@ class ThreadParameters(ActuatorParameters):
     area: Float[Array, " chamber"]
     """Of the section of a chamber (m2); 0 of one that bends only."""
     max_pressure: Float[Array, " chamber"]
-    """Pressure at a share of 1 (Pa); 0 of a line (``crinoid.dynamics.threads``)."""
+    """Pressure at a share of 1 (Pa); 0 of a line."""
     max_tension: Float[Array, " tendon"]
     """Tension at a share of 1 (N); 0 of a line."""
+    max_volume: Float[Array, " chamber"]
+    """Volume that a share of 1 adds to a line (m3); 0 of others."""
+    max_shortening: Float[Array, " tendon"]
+    """Length that a share of 1 of a line pulls in (m); 0 of others."""
+    constant: Float[Array, " thread"]
+    """Drive to which the schedule and the commands add."""
     pretension: Float[Array, " thread"]
     """Tension of a tendon at a share of 0 (N)."""
-    hold: Float[Array, " thread"]
-    """Tension per load of a line: 1 of a tendon, minus the area of a chamber (m2); 0 of others."""
-    shortening: Float[Array, " thread"]
-    """Shortening (m) of a line at a share of 1, or its volume (m3)."""
     stiffness: Float[Array, " thread"]
     """Axial stiffness of a line (N), or bulk modulus (Pa)."""
     max_curvature: Float[Array, " thread"]
     """Curvature at a share of 1 of a chamber that bends only (1/m)."""
     stiffening: Float[Array, " thread"]
     """Share of the arm's bending stiffness that is added over the span at a share of 1."""
-    friction: Float[Array, " thread"]
-    """Coefficient of friction of a tendon in its channel (1), 0 of a chamber."""
-    lower: Float[Array, " thread"]
+    friction: Float[Array, " thread"] | None
+    """Coefficient of friction of a tendon in its channel (1), 0 of a chamber; None where no
+    tendon of the scenario has friction."""
+    min_pressure: Float[Array, " chamber"]
+    """Smallest pressure (Pa); 0 of a line."""
     lag: Float[Array, " thread"]
     max_rate: Float[Array, " thread"]
+    """Greatest rate of the drive, per second; 1e30 if there is none."""
     dead_band: Float[Array, " thread"]
     times: Float[Array, "thread point"]
     shares: Float[Array, "thread point"]
@@ -120,9 +129,8 @@ class ThreadParameters(ActuatorParameters):
     """Threads at each node, twice the number of each, and one more on the other side of a pair."""
     lined: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """Thread and side of each line."""
+    pairs: tuple[bool, ...] = eqx.field(static=True)
     pinned: bool = eqx.field(static=True)
-    rubs: bool = eqx.field(static=True)
-    """Whether any of them has friction in the scenario."""
 
     @staticmethod
     def of(scenario: Scenario) -> ThreadParameters | None:
@@ -132,14 +140,17 @@ class ThreadParameters(ActuatorParameters):
             return None
         times, shares = _schedules(threads)
         chambers, tendons = scenario.chamber, scenario.tendon
+        friction = [tendon.friction for tendon in tendons]
         return ThreadParameters(
             **{
                 name: array([numbers[name] for numbers in map(_numbers, threads)])
                 for name in _numbers(threads[0])
             },
-            area=array([each.area or 0.0 for each in chambers]),
             max_pressure=array([0.0 if each.lined else each.max_pressure for each in chambers]),
-            max_tension=array([each.max_tension or 0.0 for each in tendons]),
+            **_given(chambers, "area", "min_pressure", "max_volume"),
+            **_given(tendons, "max_tension", "max_shortening"),
+            **_given(threads, "pretension", "max_curvature", "stiffening"),
+            friction=array([0.0] * len(chambers) + friction) if any(friction) else None,
             times=array(times),
             shares=array(shares),
             names=scenario.thread_names,
@@ -152,9 +163,26 @@ class ThreadParameters(ActuatorParameters):
                 if thread.lined
                 for side in range(1 + thread.pair)
             ),
+            pairs=tuple(thread.pair for thread in threads),
             pinned=scenario.base.mount == "pinned",
-            rubs=any(tendon.friction > 0 for tendon in tendons),
         )
+
+    @property
+    def _content(self) -> Float[Array, " thread"]:
+        return jnp.concatenate([self.max_volume, self.max_shortening])
+
+    @property
+    def _largest(self) -> Float[Array, " thread"]:
+        """Drive at a share of 1."""
+        lined = np.isin(np.arange(len(self.names)), [thread for thread, _ in self.lined])
+        loads = jnp.concatenate([self.max_pressure, self.max_tension])
+        return jnp.where(lined, self._content, loads)
+
+    @property
+    def lower(self) -> Float[Array, " thread"]:
+        """Smallest share."""
+        least = jnp.concatenate([self.min_pressure, jnp.zeros(len(self.names) - self.chambers)])
+        return jnp.where(np.asarray(self.pairs), -1.0, least / self._largest)
 
     def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
         """Return the actuator of all threads, and the element through which they act."""
@@ -163,16 +191,17 @@ class ThreadParameters(ActuatorParameters):
             "share" if k in lined else "pressure" if k < self.chambers else "tension"
             for k in range(len(self.names))
         ]
+        largest = self._largest
         follower = Follower(
             names=self.names,
             kinds=tuple(kinds),
             lower=self.lower,
             upper=jnp.ones(len(kinds)),
             lag=self.lag,
-            max_rate=self.max_rate,
+            max_rate=self.max_rate / largest,
             dead_band=self.dead_band,
             times=self.times,
-            values=self.shares,
+            values=self.shares + (self.constant / largest)[:, None],
         )
         return follower, (self._element(rod, first),)
 
@@ -191,7 +220,7 @@ class ThreadParameters(ActuatorParameters):
             drives=tuple(int(first + k) for k in thread),
             fluid=tuple(bool(k < self.chambers) for k in thread),
             rest=jnp.sum(paths, axis=0),
-            shortening=self.shortening[thread] * (1 - 2 * side),
+            shortening=self._content[thread] * (1 - 2 * side),
             stiffness=self.stiffness[thread],
         )
 
@@ -225,9 +254,11 @@ class ThreadParameters(ActuatorParameters):
         bending = self.max_curvature[thread] * _stiffness(rod, offsets)
         tension = jnp.where(bends_only, -bending, force[thread])
         lanes = (weight * tension)[..., None] * jnp.eye(len(self.names))[thread]
-        paired = (self.lower < 0)[thread][..., None]
+        paired = np.asarray(self.pairs)[thread][..., None]
         lines = np.array([[2 * number + side] for number, side in self.lined], int).reshape(-1)
-        held = (weight * self.hold[thread])[..., None] * (slots[..., None] == lines)
+        # tension per load of a line: 1 of a tendon, minus the area of a chamber (m2)
+        hold = jnp.concatenate([-self.area, jnp.ones(len(self.names) - self.chambers)])
+        held = (weight * hold[thread])[..., None] * (slots[..., None] == lines)
         bend = (Bend if rod.axes == 2 else BendTwist).of(rod, pinned=self.pinned)
         stiffness = bend.stiffness.reshape(rod.nodes - 1, -1)[:, : rod.axes - 1]
         stiffer = (weight * ~other_side.astype(bool) * self.stiffening[thread])[..., None]
@@ -250,7 +281,7 @@ class ThreadParameters(ActuatorParameters):
             stiffening=stiffening,
             rest_strain=bend.rest_strain.reshape(rod.nodes - 1, -1)[:, : rod.axes - 1],
             share=ends,
-            **(self._friction(rod, at_share, weight) if self.rubs else {}),
+            **self._friction(rod, at_share, weight),
         )
 
     def _friction(
@@ -260,6 +291,8 @@ class ThreadParameters(ActuatorParameters):
         weight: Float[Array, "count lane"],
     ) -> dict[str, Array]:
         """Return what friction adds to the element, from offsets by shares of the spans."""
+        if self.friction is None:
+            return {}
         slots = np.asarray(self.slots)
         thread = slots // 2
         low, high = (self.span[thread, end] for end in (0, 1))
@@ -284,35 +317,26 @@ def _stiffness(rod: Rod, offset: Float[Array, "count lane way"]) -> Float[Array,
     return jnp.sum(stiffness * offset**2, axis=-1)
 
 
+def _given(threads: Sequence[Chamber | Tendon], *names: str) -> dict[str, Array]:
+    """Return the values of keys, 0 of a thread without one."""
+    return {name: array([getattr(each, name, None) or 0.0 for each in threads]) for name in names}
+
+
 def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
     """Return the numbers of a thread by their names in `ThreadParameters`."""
     low = high = 1.0
     if thread.offset is not None:
         low, high = np.broadcast_to(thread.offset, 2).tolist()
-    angle, wound = math.radians(thread.angle_deg), 0.0
-    lower, curvature = -1.0 if thread.pair else 0.0, 0.0
-    if isinstance(thread, Tendon):
-        pull, stiffness, wound = 1.0, thread.stiffness, thread.twist_deg
-    else:
-        pull, stiffness = -(thread.area or 0.0), thread.bulk_modulus
-        curvature = thread.max_curvature or 0.0
-        if not thread.lined:
-            lower = lower or thread.min_pressure / thread.max_pressure
-    rate = _UNLIMITED if thread.largest_rate is None else thread.largest_rate / thread.largest
+    angle, wound = math.radians(thread.angle_deg), getattr(thread, "twist_deg", 0.0)
+    stiffness = thread.stiffness if isinstance(thread, Tendon) else thread.bulk_modulus
     return {
         "span": thread.span,
         "offset": (low, high),
         "angle": (angle, angle + math.radians(wound)),
-        "pretension": thread.pretension if isinstance(thread, Tendon) else 0.0,
-        "hold": pull if thread.lined else 0.0,
-        "shortening": thread.largest if thread.lined else 0.0,
+        "constant": thread.constant,
         "stiffness": stiffness or 0.0,
-        "max_curvature": curvature,
-        "stiffening": thread.stiffening if isinstance(thread, Chamber) else 0.0,
-        "friction": thread.friction if isinstance(thread, Tendon) else 0.0,
-        "lower": lower,
         "lag": thread.time_constant,
-        "max_rate": rate,
+        "max_rate": UNLIMITED if thread.largest_rate is None else thread.largest_rate,
         "dead_band": thread.dead_band,
     }
 
@@ -321,14 +345,14 @@ def _schedules(
     threads: Sequence[Chamber | Tendon],
 ) -> tuple[Float[np.ndarray, "thread point"], Float[np.ndarray, "thread point"]]:
     """Return times and shares of all schedules, as long as the longest."""
-    given = [(thread, thread.schedule) for thread in threads]
-    count = max([2, *(len(each.time) for _, each in given if each is not None)])
+    given = [thread.schedule for thread in threads]
+    count = max([2, *(len(each.time) for each in given if each is not None)])
     rows = []
-    for thread, each in given:
+    for each in given:
         times, shares = ((0.0,), (0.0,)) if each is None else (each.time, each.share)
         more = count - len(times)
         later = times[-1] + np.arange(1, more + 1)
-        held = np.append(shares, [shares[-1]] * more) + thread.constant
+        held = np.append(shares, [shares[-1]] * more)
         rows.append((np.append(times, later), held))
     times, shares = zip(*rows, strict=True)
     return np.array(times), np.array(shares)

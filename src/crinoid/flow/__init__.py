@@ -17,3 +17,4 @@ from crinoid.flow.flow import Water as Water
 from crinoid.flow.turbulence import GaussMarkov as GaussMarkov
 from crinoid.flow.turbulence import Turbulence as Turbulence
 from crinoid.flow.waves import Waves as Waves
+from crinoid.flow.waves import on_currents as on_currents

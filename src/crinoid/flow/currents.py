@@ -20,6 +20,10 @@ class Uniform(Everywhere):
     uniform_velocity: Float[Array, " b"]
     """Velocity (m/s)."""
 
+    @property
+    def uniform_mean(self) -> Point:
+        return self.uniform_velocity
+
     def at(self, time: Time) -> Point:
         return self.uniform_velocity
 

@@ -152,6 +152,11 @@ class Flow(eqx.Module):
         """Whether it is a pattern that drifts with the water."""
         return False
 
+    @property
+    def uniform_mean(self) -> Point | None:
+        """Its mean velocity (m/s) if that is the same everywhere; surface waves ride on it."""
+        return None
+
     def displacement(self, time: Time) -> Point | float:
         """Return the displacement of the water by the uniform part of the flow up to a time (m).
 

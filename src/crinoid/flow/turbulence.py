@@ -86,8 +86,12 @@ class GaussMarkov(Everywhere):
 
     steady: ClassVar[bool] = False
     onset: Onset
+    mean: Float[Array, " b"]
+    """Mean velocity (m/s)."""
+    standard_deviation: Float[Array, " b"]
+    """Standard deviation of each component (m/s)."""
     record: PiecewisePolynomial
-    """Velocity (m/s) over time (s)."""
+    """Deviation of the velocity from the mean, over the standard one, over time (s)."""
 
     @staticmethod
     def of(
@@ -107,7 +111,7 @@ class GaussMarkov(Everywhere):
         """
         from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
-        mean = np.asarray(mean)
+        mean = np.asarray(mean, float)
         step = correlation_time / POINTS_PER_CORRELATION_TIME
         points = np.arange(-_MARGIN, np.ceil(duration / step) + _MARGIN + 1)
         normal = generator.standard_normal((points.size, 2))
@@ -120,15 +124,21 @@ class GaussMarkov(Everywhere):
         drawn = np.sqrt(1 - decay**2) * normal
         drawn[0] = normal[0]
         wandering = np.array(list(accumulate(drawn, lambda value, new: decay * value + new)))
-        velocity = mean + np.asarray(standard_deviation) * wandering
-        record = PiecewisePolynomial(CubicSpline(step * points, velocity))
-        return GaussMarkov(onset, record, panels=panels_of(float(onset.ramp_time), 4 * step))
+        record = PiecewisePolynomial(CubicSpline(step * points, wandering))
+        deviation = np.broadcast_to(np.asarray(standard_deviation, float), mean.shape)
+        panels = panels_of(float(onset.ramp_time), 4 * step)
+        put = jax.device_put
+        return GaussMarkov(onset, put(mean), put(deviation), record, panels=panels)
+
+    @property
+    def uniform_mean(self) -> Point:
+        return self.mean
 
     def at(self, time: Time) -> Point:
-        return self.record(time)
+        return self.mean + self.standard_deviation * self.record(time)
 
     def path(self, time: Time) -> Point:
-        return self.record.integral(time)
+        return self.mean * time + self.standard_deviation * self.record.integral(time)
 
 
 # The spectrum is cut at these values of k L_e, and the rest is raised to the full variance. 6e-5 of
@@ -156,8 +166,8 @@ class Turbulence(Flow):
     """Mean velocity (m/s)."""
     wave_vectors: Float[Array, "m b"]
     """Wave vector of each mode, along the axes of the arm (rad/m)."""
-    amplitudes: Float[Array, "m b"]
-    """Amplitude of each mode, along the axes of the arm (m/s)."""
+    relative_amplitudes: Float[Array, "m b"]
+    """Amplitude of each mode, along the axes of the arm, over the magnitude of the mean."""
     phases: Float[Array, " m"]
     """Phases, in turns."""
 
@@ -201,9 +211,8 @@ class Turbulence(Flow):
         wave_number = bounds[:-1] ** (1 - shift) * bounds[1:] ** shift / energetic_length
 
         direction, normal = _spread(modes, generator)
-        # over three components: sum of a^2 / 2 = 3 (intensity |mean|)^2
-        deviation = intensity * np.linalg.norm(mean)
-        amplitude = deviation * np.sqrt(6 * energy / energy.sum())
+        # over three components: sum of a^2 / 2 = 3 intensity^2
+        amplitude = intensity * np.sqrt(6 * energy / energy.sum())
         axes = [0, 2] if mean.size == 2 else [0, 1, 2]
         return Turbulence(
             onset,
@@ -216,6 +225,15 @@ class Turbulence(Flow):
     @property
     def drifts(self) -> bool:
         return True
+
+    @property
+    def uniform_mean(self) -> Point:
+        return self.mean
+
+    @property
+    def amplitudes(self) -> Float[Array, "... m b"]:
+        """Amplitude of each mode, along the axes of the arm (m/s)."""
+        return jnp.linalg.norm(self.mean, axis=-1)[..., None, None] * self.relative_amplitudes
 
     def fully_on(self, point: Point, time: Time) -> Point:
         return self.mean + long_product(cosine(self._turns(point, time)), self.amplitudes)

@@ -1,7 +1,8 @@
 """Surface waves."""
 
 from collections.abc import Sequence
-from typing import ClassVar
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,10 @@ _DEEP = 100
 """Depth of deep water, over the wavelength."""
 _LOWEST, _HIGHEST = 0.5, 4.0
 """Limits of the spectrum over its peak frequency: 99.5 % of it lie between."""
+_MOST = 100
+"""Largest number of Newton's steps to a wave number."""
+_CLOSE = 1e-14
+"""Relative step at which it is found."""
 
 
 class Waves(Flow):
@@ -40,12 +45,12 @@ class Waves(Flow):
     """Amplitudes of the elevation (m)."""
     frequencies: Float[Array, " m"]
     """Angular frequencies at a fixed point (rad/s)."""
-    intrinsic_frequencies: Float[Array, " m"]
-    """Angular frequencies seen from the current that carries the waves (rad/s)."""
-    wave_numbers: Float[Array, " m"]
-    """Wave numbers at these frequencies (rad/m)."""
     phases: Float[Array, " m"]
     """Phases, in turns."""
+    intrinsic_frequencies: Float[Array, " m"] | None = None
+    """Angular frequencies seen from the current that carries the waves (rad/s)."""
+    wave_numbers: Float[Array, " m"] | None = None
+    """Wave numbers at these frequencies (rad/m); None, as both, before `carried`."""
 
     @staticmethod
     def of(
@@ -77,14 +82,9 @@ class Waves(Flow):
         shares = (np.arange(components) + generator.random(components)) / components
         frequencies = np.interp(shares, below / below[-1], relative) * 2 * np.pi / peak_period
         amplitude = significant_height / 4 * np.sqrt(2 / components)
-        return Waves(
-            onset,
-            jax.device_put(np.asarray(depth, float)),
-            jax.device_put(np.asarray(heading)),
-            jax.device_put(np.full(components, amplitude)),
-            *_carried(frequencies, depth, gravity, current),
-            jax.device_put(generator.random(components)),
-        )
+        amplitudes, phases = np.full(components, amplitude), generator.random(components)
+        numbers = (depth, heading, amplitudes, frequencies, phases)
+        return Waves(onset, *(jax.device_put(np.asarray(each, float)) for each in numbers))
 
     @staticmethod
     def regular(
@@ -103,18 +103,18 @@ class Waves(Flow):
         SI units; without a depth the water is deep. ``heading`` as in the class.
         """
         frequency = np.array([2 * np.pi / period])
-        carried = _carried(frequency, depth, gravity, current)
         if depth is None:
             # of so many wavelengths nothing is felt of the bed, to the last digit
-            depth = _DEEP * 2 * np.pi / float(carried[2][0])
-        return Waves(
-            onset,
-            jax.device_put(np.asarray(depth, float)),
-            jax.device_put(np.asarray(heading)),
-            jax.device_put(np.array([height / 2])),
-            *carried,
-            jax.device_put(np.array([phase / (2 * np.pi)])),
-        )
+            depth = _DEEP * 2 * np.pi / float(deep_wave_number(frequency, gravity, current)[0])
+        numbers = (depth, heading, [height / 2], frequency, [phase / (2 * np.pi)])
+        return Waves(onset, *(jax.device_put(np.asarray(each, float)) for each in numbers))
+
+    def carried(self, current: Point, gravity: Float[Array, ""]) -> "Waves":
+        """Return the waves on a mean current (m/s) under gravity (m/s2), with wave numbers."""
+        along = product(self.heading, current[:-1])
+        number = wave_number(self.frequencies, self.depth, gravity, along)
+        intrinsic = self.frequencies - number * along
+        return replace(self, intrinsic_frequencies=intrinsic, wave_numbers=number)
 
     def elevation(self, point: Point, time: Time) -> Float[Array, ""]:
         """Return the height of the surface over (or under) a point (m)."""
@@ -134,17 +134,22 @@ class Waves(Flow):
         moving = jnp.where(held, 1.0 - np.eye(size)[-1], 1.0)
         return Jet(velocity, rates[:, :size] * moving, rates[:, size])
 
+    @property
+    def _numbers(self) -> Float[Array, " m"]:
+        assert self.wave_numbers is not None, "waves need `carried` first"
+        return self.wave_numbers
+
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
-        along = self.wave_numbers * product(self.heading, point[:-1])
+        along = self._numbers * product(self.heading, point[:-1])
         return self.phases + (along - self.frequencies * time) / (2 * jnp.pi)
 
     def _shapes(self, point: Point, time: Time) -> Float[Array, " shapes"]:
         """Return ``C cos, C sin, S cos, S sin`` of all components."""
         height = jnp.clip(point[-1], -self.depth, 0.0)
         # no growing exponential, so that deep water does not overflow
-        from_surface = jnp.exp(self.wave_numbers * height)
-        from_bed = jnp.exp(-self.wave_numbers * (height + 2 * self.depth))
-        share = -1 / jnp.expm1(-2 * self.wave_numbers * self.depth)
+        from_surface = jnp.exp(self._numbers * height)
+        from_bed = jnp.exp(-self._numbers * (height + 2 * self.depth))
+        share = -1 / jnp.expm1(-2 * self._numbers * self.depth)
         turns = self._turns(point, time)
         across, up = share * (from_surface + from_bed), share * (from_surface - from_bed)
         cos, sin = cosine(turns), sine(turns)
@@ -152,6 +157,7 @@ class Waves(Flow):
 
     def _weights(self) -> Float[Array, "shapes b"]:
         """Return the coefficients of the shapes in the velocity."""
+        assert self.intrinsic_frequencies is not None
         speed = self.amplitudes * self.intrinsic_frequencies
         level = speed[:, None] * jnp.append(self.heading, 0.0)
         upward = speed[:, None] * jnp.append(0 * self.heading, 1.0)
@@ -164,12 +170,27 @@ class Waves(Flow):
         # along the level axes and time cos' = -k sin, sin' = k cos; upward C' = k S, S' = k C
         turned = jnp.stack([c_sin, -c_cos, s_sin, -s_cos])[..., None]
         lifted = jnp.stack([s_cos, s_sin, c_cos, c_sin])[..., None]
-        level = self.wave_numbers[:, None] * self.heading
+        level = self._numbers[:, None] * self.heading
         none = jnp.zeros((count, 1))
         around = jnp.concatenate([level, none, -self.frequencies[:, None]], axis=1)
-        up = jnp.concatenate([0 * level, self.wave_numbers[:, None], none], axis=1)
+        up = jnp.concatenate([0 * level, self._numbers[:, None], none], axis=1)
         derived = turned * around[:, None] + lifted * up[:, None]
         return derived.reshape(*weights.shape, -1)
+
+
+def on_currents(flows: tuple[Flow, ...], gravity: Float[Array, ""]) -> tuple[Flow, ...]:
+    """Return flows whose waves ride on the mean of those that are uniform; traceable.
+
+    Waves that have wave numbers keep them.
+    """
+    means = [flow.uniform_mean for flow in flows if flow.uniform_mean is not None]
+
+    return tuple(
+        flow.carried(sum(means, jnp.zeros(flow.heading.size + 1)), gravity)
+        if isinstance(flow, Waves) and flow.wave_numbers is None
+        else flow
+        for flow in flows
+    )
 
 
 def jonswap(relative: Float[np.ndarray, " f"], gamma: float) -> Float[np.ndarray, " f"]:
@@ -179,45 +200,39 @@ def jonswap(relative: Float[np.ndarray, " f"], gamma: float) -> Float[np.ndarray
     return relative**-5.0 * np.exp(-1.25 * relative**-4.0) * peak
 
 
-def wave_number(
-    frequency: Float[np.ndarray, " f"], depth: float | None, gravity: float, current: float = 0.0
-) -> Float[np.ndarray, " f"]:
-    """Solve the dispersion relation ``omega = sigma + k U`` for ``k`` (rad/m).
+def deep_wave_number(frequency: Any, gravity: Any, current: Any = 0.0) -> Any:
+    """Return `wave_number` in deep water: the root of ``sqrt(g k) + k U = omega``."""
+    return (2 * frequency / (1 + (1 + 4 * current * frequency / gravity) ** 0.5)) ** 2 / gravity
 
-    ``sigma^2 = g k tanh(k h)``, in deep water (None) ``g k``. ``current`` is ``U`` along the
-    direction of travel (m/s). Against it, of two solutions the one whose energy travels on.
 
-    Raises
-    ------
-    ValueError
-        If a wave cannot travel against the current.
+def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) -> Float[Array, " f"]:
+    """Solve the dispersion relation ``omega = sigma + k U`` for ``k`` (rad/m); traceable.
+
+    ``sigma^2 = g k tanh(k h)``. ``current`` is ``U`` along the direction of travel (m/s). Against
+    it, of two solutions the one whose energy travels on; NaN of a wave that it stops.
     """
-    if not current:
-        if depth is None:
-            return frequency**2 / gravity
-        wanted = frequency**2 * depth / gravity
-        number = wanted / np.sqrt(np.tanh(wanted))  # within a twentieth (Eckart 1952)
-        for _ in range(5):  # Newton's method doubles the digits each time
-            tanh = np.tanh(number)
-            residual = number * tanh - wanted
-            number = number - residual / (tanh + number * (1 - tanh**2))
-        return number / depth
-    if np.any(frequency >= stopped(-current, depth, gravity)):
-        raise ValueError("a wave cannot travel against the current")
-    # sigma is at most that of deep and of shallow water: so both numbers are too small
-    # (that of deep water is the root of sqrt(g k) + k U = omega)
-    root = np.sqrt(np.maximum(1 + 4 * current * frequency / gravity, 0.0))
-    number = (2 * frequency / (1 + root)) ** 2 / gravity
-    if depth is not None:
-        number = np.maximum(number, frequency / (np.sqrt(gravity * depth) + current))
-    # the residual is concave: from there Newton's method only rises
-    for _ in range(100):
-        sigma, group = _dispersion(number, depth, gravity)
-        step = (frequency - sigma - number * current) / (group + current)
-        number = number + step
-        if np.all(np.abs(step) <= 1e-14 * number):
-            break
-    return number
+
+    def improved(number: Array, given: tuple[Array, ...]) -> Array:
+        frequency, depth, gravity, current = given
+        sigma, group = _dispersion(number, depth, gravity, jnp)
+        return number + (frequency - sigma - number * current) / (group + current)
+
+    given = tuple(jnp.asarray(each, float) for each in (frequency, depth, gravity, current))
+    omega, height, pull, speed = fixed = jax.lax.stop_gradient(given)
+    # sigma is at most that of deep and of shallow water: so both numbers are too small, and as
+    # the residual is concave Newton's method only rises from there
+    shallow = omega / (jnp.sqrt(pull * height) + speed)
+    first = jnp.maximum(deep_wave_number(omega, pull, speed), shallow)
+
+    def rises(state: tuple[Array, Array, Array]) -> Array:
+        count, before, now = state
+        return (count < _MOST) & jnp.any(jnp.abs(now - before) > _CLOSE * now)
+
+    start = (jnp.asarray(0), first, improved(first, fixed))
+    step = lambda state: (state[0] + 1, state[2], improved(state[2], fixed))  # noqa: E731
+    _, _, found = jax.lax.while_loop(rises, step, start)
+    # one more step has the derivative of the solution
+    return improved(found, given)
 
 
 def stopped(against: float, depth: float | None, gravity: float) -> float:
@@ -246,22 +261,11 @@ def stopped(against: float, depth: float | None, gravity: float) -> float:
     return at(high)[0] - high * against
 
 
-def _dispersion(
-    number: Float[np.ndarray, " f"], depth: float | None, gravity: float
-) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+def _dispersion(number: Any, depth: Any, gravity: Any, xp: Any = np) -> tuple[Any, Any]:
     """Return the frequency from the water (rad/s) and the speed of the energy (m/s)."""
     if depth is None:
-        sigma = np.sqrt(gravity * number)
+        sigma = xp.sqrt(gravity * number)
         return sigma, sigma / (2 * number)
-    tanh = np.tanh(number * depth)
-    sigma = np.sqrt(gravity * number * tanh)
+    tanh = xp.tanh(number * depth)
+    sigma = xp.sqrt(gravity * number * tanh)
     return sigma, gravity * (tanh + number * depth * (1 - tanh**2)) / (2 * sigma)
-
-
-def _carried(
-    frequencies: Float[np.ndarray, " m"], depth: float | None, gravity: float, current: float
-) -> tuple[Array, Array, Array]:
-    """Return frequencies at a fixed point and from the current (rad/s), and wave numbers."""
-    numbers = wave_number(frequencies, depth, gravity, current)
-    carried = frequencies - numbers * current if current else frequencies
-    return jax.device_put(frequencies), jax.device_put(carried), jax.device_put(numbers)

@@ -170,5 +170,11 @@ def _under(numbers: Numbers, holds: Holds, shares: Float[np.ndarray, " thread"])
         return numbers
     threads = numbers[0].actuator[0]
     assert isinstance(threads, ThreadParameters)
-    held = threads.shares.at[..., np.array(holds.threads), :].set(jnp.asarray(shares)[:, None])
-    return eqx.tree_at(lambda each: each[0].actuator[0].shares, numbers, held)
+    which = np.array(holds.threads)
+    held = threads.shares.at[..., which, :].set(jnp.asarray(shares)[:, None])
+    changed = held, threads.constant.at[..., which].set(0.0)
+    return eqx.tree_at(
+        lambda each: (each[0].actuator[0].shares, each[0].actuator[0].constant),
+        numbers,
+        changed,
+    )

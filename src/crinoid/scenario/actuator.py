@@ -163,8 +163,8 @@ class Thread(Model):
 
     @property
     def constant(self) -> float:
-        """That drive over the largest one."""
-        return (getattr(self, self.constant_key) or 0.0) / self.largest
+        """That drive: Pa, m3, N or m."""
+        return getattr(self, self.constant_key) or 0.0
 
     @property
     def largest(self) -> float:

@@ -25,7 +25,7 @@ from crinoid.scenario.quantity import (
     unit_vector,
 )
 
-_ENDLESS = 1e3
+ENDLESS = 1e3
 """Half the length of a cylinder (m)."""
 _STRAIGHT = 1e-9
 
@@ -176,7 +176,7 @@ class Cylinder(_Long):
 
     @property
     def half_axis(self) -> tuple[float, ...]:
-        return self._half(_ENDLESS)
+        return self._half(ENDLESS)
 
 
 class Capsule(_Movable, _Long):

@@ -193,9 +193,9 @@ def closed_loop(
 def with_parameters(loop: Loop, parameters: Parameters) -> Loop:
     """Return a closed loop with other numbers of its scenario, the gains of a PID among them.
 
-    Pure: under `jax.jit`, `jax.grad` and `jax.vmap` these act on the numbers. Target, sensors,
-    feed-forward and the mapping of errors to inputs stay those of the loop, and so do controllers
-    other than a PID.
+    Pure: under `jax.jit`, `jax.grad` and `jax.vmap` these act on the numbers. Target, sensors, rate
+    of commands, feed-forward and the mapping of errors to inputs stay those of the loop, and so do
+    controllers other than a PID.
 
     Parameters
     ----------

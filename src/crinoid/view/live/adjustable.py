@@ -236,5 +236,5 @@ def _adjusted(flow: Flow, numbers: AdjustableNumbers, place: Float[np.ndarray, "
     if not isinstance(flow, Turbulence):
         return ScaledFlow(flow.onset, flow, array(numbers.current), array(np.zeros(place.size)))
     mean, waves = numbers.current * flow.mean, flow.wave_vectors / numbers.length_scale
-    amplitudes = numbers.current * numbers.intensity * flow.amplitudes
-    return replace(flow, mean=mean, wave_vectors=waves, amplitudes=amplitudes)
+    amplitudes = numbers.intensity * flow.relative_amplitudes
+    return replace(flow, mean=mean, wave_vectors=waves, relative_amplitudes=amplitudes)

@@ -18,7 +18,7 @@ from crinoid.compilation import ONCE, compiled
 from crinoid.control import Pid
 from crinoid.control.target import Pose, Target, Time
 from crinoid.dynamics import State, System
-from crinoid.flow import Flow
+from crinoid.flow import Flow, on_currents
 from crinoid.recording import SolidSurface
 from crinoid.scenario import Obstacle, Plane, Scenario, ScenarioError
 from crinoid.scenario.arm import Arm
@@ -247,10 +247,12 @@ class ControlledScenario(NamedTuple):
         if kind != scenario.control.kind:
             scenario = controlled_by(scenario, kind)
         prepared = Prepared(bodies.added_to(scenario))
-        flows, place = prepared.parameters.flow, np.asarray(scenario.base.position)
+        numbers, place = prepared.parameters, np.asarray(scenario.base.position)
+        # sliders change no wave number, so that no wave jumps
+        flows = on_currents(numbers.flow, numbers.water.gravity)
         # a loop that starts has the form of one whose water was changed: both are one program
         prepared.parameters = replace(
-            prepared.parameters, flow=adjusted_flows(flows, None, AdjustableNumbers(), place, 0.0)
+            numbers, flow=adjusted_flows(flows, None, AdjustableNumbers(), place, 0.0)
         )
 
         def shifted(loop: Loop) -> Loop:
