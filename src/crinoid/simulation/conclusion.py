@@ -90,11 +90,8 @@ def step_failure(
     if defect is not None and defect.gained:
         return f"{when}: {defect.summary}; {defect.cause}, until {what}; try {defect.remedy}"
     if outcome.resolved and vibration_angle(dataset, simulation, -_LATELY) > 1.0:
-        damped = ', simulation.integrator = "generalized-alpha"'
-        remedy = (
-            f"{shorter_step(simulation, 1.0)}{damped * (simulation.integrator == 'newmark')}, "
-            "or loads that come on with ramp_time"
-        )
+        ways = shorter_step(simulation, 1.0) + simulation.or_damping
+        remedy = f"{ways}, or loads that come on with ramp_time"
         what = f"vibrations are too fast for time steps of {simulation.time_step:g} s, and {what}"
     caught = False
     if obstacles is not None:
@@ -264,7 +261,7 @@ def conclude(
     prepared, scenario, system = setup.prepared, setup.prepared.scenario, setup.loop.system
     dataset = with_velocity_moments(dataset)
     defect = None
-    step_energy, rings = unresolved_vibrations(dataset, system)
+    step_energy, rings = unresolved_vibrations(dataset, system, scenario.simulation.or_damping)
     if with_ledger:
         defect = find_defect(dataset, scenario, float(system.settings.floor), step_energy)
     if failed is not None:
