@@ -81,7 +81,16 @@ def benchmark(scope: Scope) -> Rows:
     for name in dict.fromkeys(name for name, _ in runs) if many > few else ():
         power = np.log(np.median(times[name, many] / times[name, few])) / np.log(many / few)
         yield row(name, "power of the number of nodes", "1", [power])
+    yield from _built_in(scope)
     yield from _with_effects(scope)
+
+
+def _built_in(scope: Scope) -> Rows:
+    """Yield times of a step where the arm moves all the time: the built-in scenarios themselves."""
+    own = {name: scope.shortened(load(name)) for name in list(ARMS.values())[: scope.most]}
+    times = _times({name: _closed_loop(each) for name, each in own.items()}, scope)
+    for name, each in times.items():
+        yield row(f"{name}, moving", "time of a step", "s", each, nodes=own[name].arm.nodes)
 
 
 def _with_effects(scope: Scope) -> Rows:

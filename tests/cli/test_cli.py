@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from crinoid.cli.command import folder_for
+from crinoid.cli.display import words_of
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from helpers.command import call, one_line, refused, succeeded
@@ -118,15 +119,22 @@ def test_run_saves_and_report_draws(here):
         assert (folder / f"shape.{ending}").stat().st_size > 10_000
 
 
+def test_notes_that_differ_in_numbers_only_are_one():
+    assert words_of("it lasts 3 s") == words_of("it lasts 3.5e-2 s") != words_of("it was 3 s")
+
+
 @pytest.mark.slow
 def test_notes_come_under_the_table_and_once_for_all_cases(here):
     # a thread in slow water: its drag is outside the range of the default coefficient
     thin = ("--set", "arm.radius=5e-4", "--set", "arm.youngs_modulus=1e9")
-    one, other = noted(succeeded("run", "small.toml", *thin))
+    (one,) = noted(succeeded("run", "small.toml", *thin))
     assert one.startswith("note: most of the drag acts at Reynolds numbers near")
-    assert other.startswith("note: without control: most of the drag acts")
     (folder,) = (here / "results").iterdir()
-    assert Result.load(folder).notes == [one.removeprefix("note: ")]
+    result = Result.load(folder)
+    assert result.notes == [one.removeprefix("note: ")]
+    # the run without control has it with other numbers, which is said once
+    assert result.uncontrolled.notes[0].startswith("most of the drag acts at Reynolds numbers near")
+    assert result.uncontrolled.notes != result.notes
     # oddities of a scenario come before it is run, and only then
     studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
     odd = ("--set", "base.position=[0.0, 10.0]")

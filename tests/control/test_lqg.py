@@ -163,6 +163,23 @@ def test_the_observer_gain_is_that_of_the_riccati_equation():
     assert (both[:, 2] != 0).all()
 
 
+def test_the_covariance_is_that_of_the_gains_that_are_used():
+    A, B, C = random_model(6, 2, 3, 4)
+    noise = np.array([0.1, 0.2, 0.3])
+    # two calls in turn have no reading of the last, and one gain for both
+    fresh = np.array([[True] * 3, [True, True, False], [True, True, False], [False, True, False]])
+    sets, gains, claimed = stationary_filter(A, B @ B.T, C, noise, fresh)
+    every = [gains[sets.tolist().index(each)] for each in fresh.tolist()]
+    spread = B @ B.T
+    for _ in range(1000):
+        mean = np.zeros_like(A)
+        for gain in every:
+            left = np.eye(6) - gain @ C
+            spread = left @ (A @ spread @ A.T + B @ B.T) @ left.T + gain * noise @ gain.T
+            mean += spread / len(every)
+    np.testing.assert_allclose(claimed, mean, rtol=1e-9, atol=1e-12)
+
+
 SMALL = {"arm.nodes": 9, "simulation.duration": 6.0, "control.compare": False}
 
 

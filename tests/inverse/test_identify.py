@@ -1,5 +1,8 @@
 """Identification: derivatives, records, the search, and what the command writes."""
 
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +16,7 @@ from crinoid.inverse.record import ExperimentRecord, read_record
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.view.figures import write_report
-from helpers.command import succeeded
+from helpers.command import call, succeeded
 from helpers.figures import assert_shows_something
 
 SHAKEN = Scenario(
@@ -255,6 +258,58 @@ def test_a_record_within_reach_that_fits_another_way_is_noted(record):
     down = record.values * [1, -1, 1] - [0.0, 9.9, 0.0]
     search, _ = searched(record, down, {}, scenario=shallow)
     assert "Likely cause: heights are positive down." in search.notes[0]
+
+
+@pytest.mark.slow
+def test_a_record_that_stands_still_determines_nothing_and_the_command_says_so(
+    measured, record, tmp_path
+):
+    """The arm is straight in the record, as only a stiff one is: any stiff one."""
+    draw = np.random.default_rng(0).normal(scale=1e-4, size=(2, record.time.size))
+    base, length = SHAKEN.base.position, SHAKEN.arm.length
+    columns = {"time": record.time, "x": base[0] + length + draw[0], "z": base[1] + draw[1]}
+    pd.DataFrame(columns).to_csv(tmp_path / "tip.csv", index=False)
+    # not the numbers of the other searches, but as many: it shares what they compile
+    still = {"base.motion.0.amplitude_deg": 0.0, "chamber.0.schedule.share": [0.3] * 4}
+    settings = [word for key, value in still.items() for word in ("--set", f"{key}={value}")]
+    keys = identify(measured, tmp_path / "tip.csv", ",".join(KEYS), *settings)
+    ended = call(*keys, "--out", tmp_path / "out")
+    assert ended.exit_code == 1, ended.output
+    first, *_ = KEYS
+    said = f"the record does not determine all numbers; name fewer. {first}: its standard error"
+    assert said in ended.stderr
+    assert re.search(rf"{first} .* not determined", ended.stdout)
+    data = xr.load_dataset(tmp_path / "out" / "identify.nc")
+    assert said in data.attrs["status"]
+    assert not data["determined"].sel(parameter=first)
+    assert said in (tmp_path / "out" / "identified.toml").read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("share", "deviation", "why"),
+    [
+        (1.2, 0.01, ""),
+        (1.2, 0.99, ""),
+        (1e4, 0.01, "its search ends at 1e+04 times the given value"),
+        (1e-4, np.inf, "its search ends at 0.0001 times the given value"),
+        (1.2, 25.0, "its standard error exceeds it"),
+        (1.2, np.inf, "its standard error exceeds it"),
+        (1.2, np.nan, "its standard error exceeds it"),
+    ],
+)
+def test_what_a_record_does_not_determine(share, deviation, why):
+    search = Identification.__new__(Identification)
+    search.unknowns = Unknowns(SHAKEN.with_values(WRONG), KEYS)
+    search.found = SimpleNamespace(logs=np.log([share, 1.0]))
+    search.covariance = lambda: np.diag([deviation**2, 1e-4])
+    assert search.undetermined() == ({KEYS[0]: why} if why else {})
+
+
+@pytest.mark.slow
+def test_a_record_of_a_stuck_marker_alone_is_refused(record):
+    still = np.zeros_like(record.values) + record.values[0]
+    with pytest.raises(ScenarioError, match=r"got 100% of rows .* A stuck marker rests"):
+        searched(record, still, {})
 
 
 @pytest.mark.slow

@@ -180,6 +180,7 @@ def test_the_command_writes_the_optimum_on_paper_into_the_users_own_file(arc, tm
     away = [np.linalg.norm(arc_tip(each) - WANTED) for each in curvatures]
     least = curvatures[np.argmax(np.array(away) < LIMIT)] * EI / (AREA * OFFSET)
     assert numbers["chamber.0.offset"] == pytest.approx(OFFSET)
+    assert summary["at_end"] == ["chamber.0.offset"]
     assert numbers["chamber.0.max_pressure"] == pytest.approx(least, rel=0.01)
     given = ScenarioText(arc, ["water.drag_normal=1.3"]).scenario
     assert crinoid.load(out / "optimised.toml") == given.with_values(numbers)

@@ -248,6 +248,23 @@ def test_a_search_that_is_interrupted_keeps_its_best(tmp_path, monkeypatch):
     assert found == pytest.approx(float(data["tuned"][0]), rel=1e-5)
 
 
+def sloping(*arguments):
+    """Return a cost that falls with the first gain without end."""
+    gain = float(arguments[0].kp[1])
+    numbers = (1.0 / gain, np.array([-1.0 / gain, 0.0, 0.0]), 1.0, True, 1, 50)
+    return Cost(*map(jnp.asarray, numbers))
+
+
+@pytest.mark.slow
+def test_a_gain_at_the_end_of_its_search_is_noted(tmp_path, monkeypatch):
+    ended = run_briefly(tmp_path, monkeypatch, sloping)
+    assert ended.exit_code == 0, ended.output
+    data = xr.load_dataset(tmp_path / "out" / "tune.nc")
+    assert float(data["tuned"][0] / data["given"][0]) == pytest.approx(1e3, rel=1e-3)
+    assert data.attrs["at_end"] == "control.pid.heave.kp"
+    assert "note: at an end of the search: control.pid.heave.kp. " in ended.stdout
+
+
 def failing(*arguments):
     found = bowl(*arguments)
     nothing = jnp.full_like(found.total, jnp.nan)

@@ -11,7 +11,7 @@ from helpers.browsing import Opened
 from helpers.pages import HOSTILE
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, curling_arm
-from helpers.studies import grid, save, study_of_rows, study_row
+from helpers.studies import COLUMNS, grid, save, study_of_rows, study_row
 
 pytestmark = pytest.mark.slow
 
@@ -222,6 +222,32 @@ def test_a_study_sorts_names_the_case_under_the_cursor_and_opens_it(browser, tmp
         assert opened.requests == [path.as_uri()]
         page.mouse.click(plot["x"] + opened.ask("() => crinoid.where(4)[0]"), plot["y"] + high)
         page.wait_for_url("**/case-05/report.html")
+
+
+def test_means_a_rounding_beyond_all_values_have_the_colour_of_the_end(browser, tmp_path):
+    # the page has eight digits of a value: below the mean of the equal ones, and above that of two
+    values = [0.148912345678, 0.177634567894, 0.177634567894, 0.269987654324]
+    levels = [1e5, 2e5, 2e5, 3e5]
+    rows = [
+        study_row(number, **{"arm.youngs_modulus": level, "rms_error": value})
+        for number, (level, value) in enumerate(zip(levels, values, strict=True), start=1)
+    ]
+    path = write_study(study_of_rows(tmp_path, rows), tmp_path, tmp_path)
+    with Shown(browser, path) as opened:
+        assert opened.page.locator("tbody tr").count() == 4
+        assert opened.complaints == []
+
+
+def test_a_study_without_measures_names_its_cases(browser, tmp_path):
+    rows = [
+        study_row(number, status="failed at t = 0 s", **dict.fromkeys(COLUMNS, ""))
+        for number in (1, 2)
+    ]
+    path = write_study(study_of_rows(tmp_path, rows), tmp_path, tmp_path)
+    with Shown(browser, path) as opened:
+        opened.page.hover("tbody tr >> nth=1")
+        assert opened.page.text_content("#said").startswith("case-02")
+        assert opened.complaints == []
 
 
 def test_a_cell_of_several_cases_leaves_only_these_in_the_table(browser, tmp_path):

@@ -173,6 +173,11 @@ _MOST_NOTES, _MOST_FAILURES = 6, 4
 _NUMBER = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
 
 
+def words_of(note: str) -> str:
+    """Return a note without its numbers."""
+    return _NUMBER.sub("#", note)
+
+
 def notes_of_cases(notes: Mapping[str, Sequence[str]]) -> list[str]:
     """Return the notes of a study, given by case in order, each once with the cases that have it.
 
@@ -182,7 +187,7 @@ def notes_of_cases(notes: Mapping[str, Sequence[str]]) -> list[str]:
     for number, each in enumerate(notes.values()):
         count = Counter[str]()  # two notes of one case stay two
         for note in each:
-            words = _NUMBER.sub("#", note)
+            words = words_of(note)
             alike.setdefault((words, count[words]), []).append((number, note))
             count[words] += 1
     names, found = list(notes), []

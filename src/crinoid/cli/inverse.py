@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
+from crinoid.cli.command import FAILED, MISSED
 from crinoid.cli.display import new_table, progress_bar, show
 from crinoid.cli.finding import finding, solvable
 from crinoid.cli.interruption import Interruption
@@ -111,6 +112,8 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
             f"none of the {int(tuning.trials.sum())} trials keeps the modulus margin asked for, "
             f"{tuning.margin:g}, and bears commands two control periods later"
         )
+    if ends := data.attrs["at_end"]:
+        notes.append(f"at an end of the search: {ends}. Continue from tuned.toml")
     lost = int(np.isnan(tuning.cost).all(axis=1).sum())
     if lost:
         notes.append(f"{lost} of {len(tuning.cost)} starts could not be run: {tuning.failure}")
@@ -137,8 +140,8 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
 
 def identify_numbers(
     text: ScenarioText, record: Path, keys: Sequence[str], folder: Path, *, force: bool
-) -> str:
-    """Search for numbers, save and draw what was found, and sum it up; return what went wrong."""
+) -> tuple[str, int]:
+    """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
     if not keys:
         hint = "Name keys of numbers, such as arm.youngs_modulus,water.drag_normal."
         raise refusal("--of", f"got no key. {hint}")
@@ -159,20 +162,23 @@ def identify_numbers(
 
                 complete = search.run(report, interruption.stop)
             if search.failure:
-                return f"{search.failure} (with the numbers that the scenario gives)"
+                return f"{search.failure} (with the numbers that the scenario gives)", FAILED
             if search.found is None:
-                return f"{Status.INTERRUPTED} before there was anything to save"
+                return f"{Status.INTERRUPTED} before there was anything to save", FAILED
             words = f"after {search.trials} trials; the best numbers so far are saved"
             status = "" if complete else f"{Status.INTERRUPTED} {words}"
+            unsure = "; ".join(f"{key}: {why}" for key, why in search.undetermined().items())
+            if unsure and complete:
+                status = f"the record does not determine all numbers; name fewer. {unsure}"
             data = search.dataset(status or Status.OK.value)
             comment = f"{_lost_markers(data)} of the record were set aside as lost markers"
-            comment = f"numbers by `crinoid identify`; {comment}"
+            comment = "; ".join(filter(None, ("numbers by `crinoid identify`", comment, status)))
             identified = text.with_values(search.numbers(), comment)
             files = found.save(data, {"identified.toml": identified})
             read = [note for each in records for note in each.notes]
             notes = [*read, *search.notes, *_identification_notes(search, data)]
             show(identification_table(data), notes, files)
-    return status
+    return status, MISSED
 
 
 def identification_table(data: xr.Dataset) -> Table:
@@ -181,10 +187,10 @@ def identification_table(data: xr.Dataset) -> Table:
     for key in data["parameter"].values:
         row = data.sel(parameter=key)
         given, found, error = (float(row[name]) for name in ("given", "found", "standard_error"))
-        if not np.isfinite(error):
-            rows.append((str(key), f"{given:.4g}", f"{found:.4g}", "not known", ""))
-            continue
         share = error / abs(found)
+        if not row["determined"]:
+            rows.append((str(key), f"{given:.4g}", f"{found:.2g}", "not determined", ""))
+            continue
         places = min(6, max(2, 2 - math.floor(math.log10(share)))) if share > 0 else 6
         numbers = (f"{given:.4g}", f"{found:.{places}g}", f"{error:.2g}", f"{100 * share:.2g} %")
         rows.append((str(key), *numbers))
@@ -212,8 +218,6 @@ def _identification_notes(search: Identification, data: xr.Dataset) -> list[str]
             f"{keys[row]} and {keys[column]} are strongly correlated by this record ({value:.3f}). "
             "Use another experiment, or fix one of them."
         )
-    if not np.isfinite(data["standard_error"].values).all():
-        notes.append("this record does not determine all of these numbers. Name fewer.")
     for name, scatter, time, variance in zip(
         data["quantity"].values, data["scatter"].values, *search.correlation, strict=True
     ):

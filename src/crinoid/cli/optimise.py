@@ -71,14 +71,13 @@ def optimise_numbers(
         elif missed:
             status = f"no trial keeps all limits: {'; '.join(missed)}"
         new = text.with_values(search.numbers(), f"numbers by `crinoid optimise`, for {measure}")
-        summary = json.dumps(_summary(search, status), indent=1, allow_nan=False)
-        texts = {"optimised.toml": new, SUMMARY_JSON: summary}
+        summary = _summary(search, status)
+        shown = json.dumps(summary, indent=1, allow_nan=False)
+        texts = {"optimised.toml": new, SUMMARY_JSON: shown}
         files = found.save(search.dataset(status), texts)
         notes = [f"a search without gradients: {search.why}"] if search.why else []
-        ends = np.isclose(search.best.point, np.round(search.best.point), rtol=0.0, atol=1e-3)
-        if ends.any():
-            keys = ", ".join(np.array(search.ranges.keys)[ends])
-            notes.append(f"at an end of its range: {keys}. A wider range may give a better value")
+        if ends := ", ".join(summary["at_end"]):
+            notes.append(f"at an end of its range: {ends}. A wider range may give a better value")
         show(optimisation_table(search), notes, files)
     return ("", 0) if status == Status.OK.value else (status, MISSED)
 
@@ -110,6 +109,7 @@ def _summary(search: Optimisation, status: str) -> dict[str, Any]:
     assert search.given is not None
     assert search.best is not None
     given = [float(value) for value in search.ranges.given]
+    places = dict(zip(search.ranges.keys, search.best.point.tolist(), strict=True))
     return {
         "crinoid_version": __version__,
         "status": status,
@@ -118,6 +118,7 @@ def _summary(search: Optimisation, status: str) -> dict[str, Any]:
         "seeds": search.seeds,
         "numbers": search.numbers(),
         "given": dict(zip(search.ranges.keys, given, strict=True)),
+        "at_end": [key for key, place in places.items() if abs(place - round(place)) < 1e-3],
         "measures": {
             name: {"unit": measure.unit, "before": list(before), "after": list(after)}
             for name, measure, before, after in zip(

@@ -14,6 +14,7 @@ from crinoid.cli.display import (
     say_notes,
     say_where,
     show,
+    words_of,
 )
 from crinoid.cli.finding import complete, page_in, require_one
 from crinoid.cli.folder import check_replaced, claimed, clear, contains, place_for, save, stopped
@@ -100,7 +101,8 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool) -> str:
 def _say_run(result: Result, known: Collection[str]) -> None:
     notes = [note for note in result.notes if note not in known]
     other = [] if result.uncontrolled is None else result.uncontrolled.notes
-    notes += [f"without control: {note}" for note in other if note not in result.notes]
+    said = {words_of(note) for note in result.notes}
+    notes += [f"without control: {note}" for note in other if words_of(note) not in said]
     show(run_table(result), notes, [])
 
 

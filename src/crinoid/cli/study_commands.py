@@ -56,7 +56,7 @@ def tune(
     out: Annotated[Path | None, out_option("results/SCENARIO-tune")] = None,
     force: Force = False,
 ) -> None:
-    """Tune a PID, LQG or MPC by gradient, from several starts over several seeds."""
+    """Tune a PID, LQG or MPC by gradient, over several seeds: each number by up to 1000 times."""
     text = load_text(scenario, settings)
     folder = folder_for(out, scenario, "-tune", settings)
     with Loading():
@@ -80,7 +80,7 @@ def identify(
     of: Annotated[
         str,
         option(
-            "Keys of the numbers to find, such as arm.youngs_modulus,water.drag_normal.",
+            "Keys of numbers to find, each within a factor of 10000: arm.length,arm.density.",
             "KEY,KEY",
             default=False,
         ),
@@ -96,7 +96,7 @@ def identify(
         from crinoid.cli.inverse import identify_numbers
 
     keys = [each for each in (part.strip() for part in of.split(",")) if each]
-    end(identify_numbers(text, record, keys, folder, force=force))
+    end(*identify_numbers(text, record, keys, folder, force=force))
 
 
 @one_line_errors()

@@ -23,10 +23,11 @@ deserve a note."""
 
 
 def unresolved_vibrations(
-    dataset: xr.Dataset, system: System, jumps: Float[np.ndarray, " time"]
+    dataset: xr.Dataset, system: System, jumps: Float[np.ndarray, " time"], damped: str
 ) -> tuple[float, str]:
     """Return the energy that one time step cannot resolve (J), and a note on ringing vibrations.
 
+    ``damped`` are words for another integrator (`crinoid.scenario.Simulation.or_damping`).
     The energy is that of a free arm under the loads for one step, ``(h P)^2 / 2 m``. The loads P
     are the force on the base plus mass times mean acceleration, with or without added mass (the
     smaller sum), less contacts: the median over the run. A vibration is unresolved where
@@ -58,10 +59,9 @@ def unresolved_vibrations(
     if rings > _LARGE * whole > 0 and rings > _SEEN_RINGING * force.max():
         note = (
             f"vibrations that time steps of {step:g} s do not resolve make up "
-            f"{percent(rings / whole)} of the force on the base (medians of the second half). Try "
-            f"simulation.time_step = {step / 10:.3g}, "
-            'simulation.integrator = "generalized-alpha", a larger arm.damping_time or a smaller '
-            "arm.section.EA."
+            f"{percent(rings / whole)} of the force on the base (medians of the second half). Try a "
+            "larger arm.damping_time, a smaller arm.section.EA, "
+            f"simulation.time_step = {step / 10:.3g}{damped}."
         )
     return (step * float(np.median(loads))) ** 2 / (2 * own), note
 

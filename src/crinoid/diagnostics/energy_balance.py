@@ -146,8 +146,7 @@ def _reason(simulation: Simulation, share: float, gained: bool, angle: float) ->
         return f"time steps of {length} are too long for this motion", step
     period = 2 * math.pi * simulation.time_step / angle
     cause = f"vibrations of periods near {period:.2g} s are too fast for time steps of {length}"
-    damped = ', or simulation.integrator = "generalized-alpha"'
-    return cause, step + damped * (simulation.integrator == "newmark")
+    return cause, step + simulation.or_damping
 
 
 def _slack(dataset: xr.Dataset, floor: float) -> tuple[Series, float, float]:

@@ -98,7 +98,7 @@ class StabilityConstraint:
         return float(1 + np.log1p(_TIME * rate))
 
 
-_MOST = 7.0
+_MOST = np.log(1e3)
 """Largest change of the logarithm of a parameter."""
 _WEIGHT = 10.0
 """Weight of the penalty on the excess."""

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from crinoid.foundation.axes import AXES
 from crinoid.inverse import StoppedError
 from crinoid.inverse.experiment import Experiment, RecordComparison
-from crinoid.inverse.record import LOST, ExperimentRecord
+from crinoid.inverse.record import ExperimentRecord
 from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.inverse.weights import RecordWeights
 from crinoid.results.dataset import describe, described
@@ -28,8 +28,9 @@ _ROUGH, _FINE = 1e-3, 1e-8
 """Relative changes at which a fit of a part of the record has converged, and of the whole."""
 _ROUNDS = 4
 """Largest number of fits, each with the scatter of the one before."""
-_FARTHEST = np.log(1e4)
-"""Largest logarithm of a number over its given value; a number that may as well be 0 ends there."""
+_FARTHEST, _NEARLY = np.log(1e4), 0.99
+"""Largest logarithm of a number over its given value, and the share of it which counts as the end;
+a number that may as well be 0 ends there."""
 _INSENSITIVE = 1e-6
 """Sensitivity below which a parameter has no effect, over the size of a coordinate."""
 _ALIKE = 1e-6
@@ -135,11 +136,7 @@ class Identification:
             return False
         self.found = best
         for each, run in zip(self.weights, best.runs, strict=True):
-            if (lost := 1 - each.used.mean()) > LOST:
-                stuck = each.experiment.stuck(run.computed).mean() > LOST / 2
-                hint = "A stuck marker rests while the arm moves" if stuck else "Check the markers"
-                text = f"got {lost:.0%} of rows that no motion of this arm explains"
-                raise refusal("RECORD", text, f"be at most {LOST:.0%}", f"{hint}.")
+            each.require_used(run)
         return True
 
     def _cost(self, runs: Runs) -> float:
@@ -236,6 +233,19 @@ class Identification:
         free = numbers / max(numbers - count, 1)
         return np.asarray(free * inverse @ noise @ inverse)
 
+    def undetermined(self) -> dict[str, str]:
+        """Return why the records do not determine some of the parameters, by key."""
+        assert self.found is not None
+        why = {}
+        for key, log, variance in zip(
+            self.unknowns.keys, self.found.logs, np.diag(self.covariance()), strict=True
+        ):
+            if abs(log) > _NEARLY * _FARTHEST:
+                why[key] = f"its search ends at {np.exp(log):.2g} times the given value"
+            elif not variance <= 1:
+                why[key] = "its standard error exceeds it"
+        return why
+
     def identified(self) -> Scenario:
         """Return the scenario with the identified parameters."""
         return self.scenario.with_values(self.numbers())
@@ -258,6 +268,7 @@ class Identification:
         error = np.abs(found) * deviation
         limits = found[:, None] + _NORMAL * np.outer(error, [-1.0, 1.0])
         limits = np.where(limits * found[:, None] > 0, limits, 0.0)  # a number keeps its sign
+        determined = [key not in self.undetermined() for key in self.unknowns.keys]
         with np.errstate(invalid="ignore"):
             correlation = covariance / np.outer(deviation, deviation)
 
@@ -267,6 +278,7 @@ class Identification:
             ("standard_error", "parameter", "", error, ""),
             ("lower", "parameter", "", limits[:, 0], "lower end of the 95 % interval"),
             ("upper", "parameter", "", limits[:, 1], "upper end of the 95 % interval"),
+            ("determined", "parameter", "", determined, "whether the records determine it"),
             ("correlation", "parameter other", "", correlation, ""),
             ("scatter", "quantity", "", scatter, "standard deviation about the fit"),
             ("remembered", "quantity", "s", self.correlation[0], "integral time of the residual"),

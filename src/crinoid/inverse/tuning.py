@@ -297,13 +297,17 @@ class Tuning:
                 rows.append((f"{when}_{name}_margin", "", unit, value, ""))
         status = self.failure if not np.isfinite(self.least) else Status.OK.value
         kind = self.scenario.control.kind
+        pairs = zip(self.initial, self.best, bounds(self.best), strict=True)
+        ends = [key for key, log, (_, high) in pairs if abs(log) > 0.99 * high]
         return xr.Dataset(
             described(rows),
             {
                 "key": [key.removeprefix(f"control.{kind}.") for key in self.initial],
                 "iteration": np.arange(1, self.done + 1),
             },
-            describe(self.scenario) | {"status": status, "margin": self.margin} | waters,
+            describe(self.scenario)
+            | {"status": status, "margin": self.margin, "at_end": ", ".join(ends)}
+            | waters,
         )
 
     def _explain(self, runs: Sequence[Cost]) -> None:

@@ -8,7 +8,9 @@ from scipy.ndimage import maximum_filter, median_filter
 
 from crinoid.inverse.experiment import Experiment, RecordComparison
 from crinoid.inverse.motion import ArmMotion
+from crinoid.inverse.record import LOST
 from crinoid.numerics.signals_and_systems import integral_time
+from crinoid.scenario import refusal
 
 _QUANTILE, _DEVIATIONS = 0.7, 1.0364
 """Quantile that lost markers do not affect, and its number of deviations in a normal law."""
@@ -52,11 +54,21 @@ class RecordWeights:
         before, earlier = self.used, self.scatter
         if not self._holds:
             self.used = self._within_reach & self._explained(run)
+            if not self.used.any():
+                self.require_used(run)
         axis = None if self._holds else 0
         rms = np.sqrt(np.mean(run.residual[self.used] ** 2, axis=axis))
         self.scatter = np.maximum(rms, self._least)
         settled = np.abs(self.scatter / earlier - 1) < _SETTLED
         return bool(settled.all() and np.array_equal(self.used, before))
+
+    def require_used(self, run: RecordComparison) -> None:
+        """Refuse a record of which a fit sets more than a quarter of the rows aside."""
+        if (lost := 1 - self.used.mean()) > LOST:
+            stuck = self.experiment.stuck(run.computed).mean() > LOST / 2
+            hint = "A stuck marker rests while the arm moves" if stuck else "Check the markers"
+            text = f"got {lost:.0%} of rows that no motion of this arm explains"
+            raise refusal("RECORD", text, f"be at most {LOST:.0%}", f"{hint}.")
 
     def squares(self, run: RecordComparison) -> Float[np.ndarray, "row quantity"]:
         """Return the squared residuals over the scatter, limited to that of a lost marker."""

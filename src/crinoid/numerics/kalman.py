@@ -55,9 +55,9 @@ class StationaryFilter(NamedTuple):
     fresh: Bool[np.ndarray, "set y"]
     """Sets of new readings."""
     gains: Float[np.ndarray, "set z y"]
-    """Gain for each of them."""
+    """Gain for each of them, the mean over the calls that have it."""
     covariance: Matrix
-    """Covariance of the corrected states, its mean over the pattern."""
+    """Covariance of the states corrected by these gains, its mean over the pattern."""
 
 
 def stationary_filter(
@@ -72,22 +72,34 @@ def stationary_filter(
     ``noise`` is the covariance of the states' noise, ``of_readings`` the variance of that of each
     reading; ``fresh`` are the new readings of each call, a pattern that repeats.
     """
-    from scipy.linalg import solve_discrete_are  # slow to load
+    from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov  # slow to load
 
     ahead = solve_discrete_are(move.T, expect.T, noise, np.diag(of_readings))
     found: dict[tuple[bool, ...], list[Matrix]] = {}
     pattern = fresh[:1] if fresh.all() else fresh
-    total = np.zeros_like(ahead)
     for _ in range(_ROUNDS):
-        found, before, total = {}, ahead, np.zeros_like(ahead)
+        found, before = {}, ahead
         for counted in pattern:
             step = Correction.of(ahead, expect[counted], of_readings[counted])
             gain = np.zeros(expect.T.shape)
             gain[:, counted] = step.gain
-            total += step.covariance
             ahead = move @ step.covariance @ move.T + noise
             found.setdefault(tuple(map(bool, counted)), []).append(gain)
         if np.abs(ahead - before).max() <= _SETTLED * np.abs(ahead).max():
             break
-    means = np.stack([np.mean(each, axis=0) for each in found.values()])
-    return StationaryFilter(np.array(list(found)), means, total / len(pattern))
+    means = {each: np.mean(gains, axis=0) for each, gains in found.items()}
+    # errors that these gains leave, which are not the best ones of each call
+    used = [means[tuple(map(bool, counted))] for counted in pattern]
+    left = [np.eye(len(move)) - gain @ expect for gain in used]
+    added = [gain * of_readings @ gain.T for gain in used]
+    around, ahead, total = np.eye(len(move)), np.zeros_like(move), np.zeros_like(move)
+    for keep, new in zip(left, added, strict=True):
+        around = move @ keep @ around
+        ahead = move @ (keep @ ahead @ keep.T + new) @ move.T + noise
+    if np.abs(np.linalg.eigvals(around)).max() >= 1:
+        raise np.linalg.LinAlgError("the filter of these readings is unstable")
+    ahead = solve_discrete_lyapunov(around, ahead)
+    for keep, new in zip(left, added, strict=True):
+        after = keep @ ahead @ keep.T + new
+        total, ahead = total + after, move @ after @ move.T + noise
+    return StationaryFilter(np.array(list(means)), np.stack([*means.values()]), total / len(used))

@@ -89,6 +89,11 @@ class Simulation(Model):
         return _OPTIONS[self.integrator] | {k: v for k, v in given.items() if v is not None}
 
     @property
+    def or_damping(self) -> str:
+        """Words for an integrator that damps vibrations, after another remedy; empty with one."""
+        return ', or simulation.integrator = "generalized-alpha"' * (self.integrator == "newmark")
+
+    @property
     def steps(self) -> int:
         """Number of time steps."""
         return round(self.duration / self.time_step)

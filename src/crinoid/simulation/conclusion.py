@@ -91,11 +91,8 @@ def step_failure(
     if defect is not None and defect.gained:
         return f"{when}: {defect.summary}; {defect.cause}, until {what}; try {defect.remedy}"
     if outcome.resolved and vibration_angle(dataset, simulation, -_LATELY) > 1.0:
-        damped = ', simulation.integrator = "generalized-alpha"'
-        remedy = (
-            f"{shorter_step(simulation, 1.0)}{damped * (simulation.integrator == 'newmark')}, "
-            "or loads that come on with ramp_time"
-        )
+        ways = shorter_step(simulation, 1.0) + simulation.or_damping
+        remedy = f"{ways}, or loads that come on with ramp_time"
         what = f"vibrations are too fast for time steps of {simulation.time_step:g} s, and {what}"
     caught = False
     if obstacles is not None:
@@ -265,8 +262,8 @@ def conclude(
     prepared, scenario, system = setup.prepared, setup.prepared.scenario, setup.loop.system
     dataset = with_velocity_moments(dataset)
     defect = None
-    jumps = command_jumps(dataset, system, prepared.facts)
-    step_energy, rings = unresolved_vibrations(dataset, system, jumps)
+    jumps, damped = command_jumps(dataset, system, prepared.facts), scenario.simulation.or_damping
+    step_energy, rings = unresolved_vibrations(dataset, system, jumps, damped)
     rings = held_commands_note(dataset, system, prepared.facts) or rings
     if with_ledger:
         defect = find_defect(dataset, scenario, float(system.settings.floor), step_energy)

@@ -54,7 +54,7 @@ def draw_estimate(data: xr.Dataset) -> Figure:
         # a wide prior at the start leaves the rest of the panel visible
         settled = slice(time.size // 10, None)
         edges = np.concatenate([low[settled], high[settled]])
-        room = 0.15 * max(np.ptp(edges), 1e-12)
+        room = 0.15 * max(np.ptp(edges), 1e-9 * max(np.abs(edges).max(), 1e-3))
         axes.set_ylim(edges.min() - room, edges.max() + room)
         axes.set_ylabel(f"{label} ({unit.name})")
     key(panels[0], columns=3)

@@ -179,7 +179,7 @@ def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> s
         upper.plot(time[of], after[of], "-", color=BLUE, label="identified")
         lower.plot(time[of], left[of], ".", color=INK, markersize=0.75 * size)
     low, high = np.nanmin(good), np.nanmax(good)
-    room = 0.25 * max(high - low, 1e-12)
+    room = 0.25 * max(high - low, 1e-9 * max(abs(low), abs(high), 1e-3))
     upper.set_ylim(low - room, high + room)
     if aside.any():  # far ones at the edge, so that the motion stays visible
         lost = np.clip(measured[aside], low - 0.8 * room, high + 0.8 * room)

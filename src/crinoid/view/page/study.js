@@ -187,7 +187,7 @@ class StudyPage {
 
   // Name the selected cases, and mark them everywhere.
   point(cases = []) {
-    const some = new Set(cases), ring = this.byId("ring"), { measure } = this;
+    const some = new Set(cases), ring = this.byId("ring");
     for (const line of this.lines) line.classList.toggle("on", some.has(Number(line.dataset.case)));
     this.byId("arms").classList.toggle("chosen", some.size > 0);
     for (const row of this.byId("cases").querySelectorAll("tbody tr")) row.classList.toggle("on", some.has(Number(row.dataset.case)));
@@ -195,14 +195,13 @@ class StudyPage {
     ring.hidden = !one.every(Number.isFinite) || !one.length;
     if (!ring.hidden) ring.style.transform = `translate(${one[0]}px, ${one[1]}px)`;
     this.byId("said").textContent = cases.length ? this.told(cases) : "";
-    return measure;
   }
 
   told(cases) {
     const { measure } = this;
     const shared = this.keys.filter((key) => new Set(cases.map((i) => key.level[i])).size === 1).map((key) => `${key.short} ${this.level(key, cases[0])}`);
-    const known = cases.map((i) => measure.values[i]).filter((value) => value !== null);
-    const mean = known.length ? `${measure.label} ${digits(known.reduce((a, b) => a + b) / known.length)} ${measure.unit}` : `${measure.label} unknown`;
+    const known = measure ? cases.map((i) => measure.values[i]).filter((value) => value !== null) : [];
+    const mean = known.length ? `${measure.label} ${digits(known.reduce((a, b) => a + b) / known.length)} ${measure.unit}` : `${measure ? measure.label : "measures"} unknown`;
     if (cases.length > 1) return `${cases.length} cases · ${[...shared, `mean ${mean}`].join(" · ")}`;
     const status = this.status[cases[0]];
     return [this.names[cases[0]], ...shared, mean, ...(status === "ok" ? [] : [status])].join(" · ");
