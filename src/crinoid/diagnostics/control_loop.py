@@ -59,8 +59,8 @@ def unresolved_vibrations(
     if rings > _LARGE * whole > 0 and rings > _SEEN_RINGING * force.max():
         note = (
             f"vibrations that time steps of {step:g} s do not resolve make up "
-            f"{percent(rings / whole)} of the force on the base (medians of the second half). Try a "
-            "larger arm.damping_time, a smaller arm.section.EA, "
+            f"{percent(rings / whole)} of the force on the base (medians of the second half). Try "
+            "a larger arm.damping_time, a smaller arm.section.EA, "
             f"simulation.time_step = {step / 10:.3g}{damped}."
         )
     return (step * float(np.median(loads))) ** 2 / (2 * own), note
