@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.dynamics import EnergyAccount
+from crinoid.dynamics import EnergyAccount, System
 from crinoid.dynamics.statics import static_stage
 from crinoid.elements import WORKS, Threads
+from crinoid.elements.tendon_friction import ADHESION
 from crinoid.elements.threads import Sliding
-from helpers.arms import dense
+from helpers.arms import dense, order
 from helpers.newton_steps import slopes
 
 LENGTH, OFFSET, FRICTION = 0.5, 0.008, 0.3
@@ -146,6 +147,9 @@ def with_slopes(function, at, weights):
     return value, forward(jnp.ones(())), back, more
 
 
+_found = eqx.filter_jit(System.find_equilibrium)
+
+
 def _at_rest(parameters, friction):
     """Return the turn of the tip in equilibrium, and that equilibrium."""
     system = with_friction(parameters, friction)
@@ -173,6 +177,18 @@ def test_an_equilibrium_is_that_of_a_tendon_that_was_pulled():
     later, found = _track(crinoid.system(described), tuple(begun), jnp.asarray(0.05, float))
     assert found.converged.all()
     np.testing.assert_allclose(later[0].position, begun[0].position, atol=1e-5 * LENGTH)
+
+
+@pytest.mark.slow
+def test_a_free_body_far_away_leaves_an_equilibrium_as_it_is():
+    described = scenario(nodes=6, schedule=HELD)
+    ball = {"kind": "sphere", "position": [1.0, -20.0], "radius": 0.05, "mass": 0.5}
+    found = []
+    for each in (described, described.with_values({"obstacle": [ball]})):
+        state, outcome = _found(crinoid.system(each))
+        assert outcome.converged
+        found.append(np.asarray(state.position))
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9 * LENGTH)
 
 
 def opposed(pretension, EA):
@@ -241,6 +257,31 @@ def test_a_tendon_that_sticks_is_stable_on_a_soft_arm_with_little_damping():
         drawn = -np.sum(middle * np.diff(found.path))
         lost.append(drawn - found.work[-1, WORKS.index("actuation")])
     assert lost[0] == pytest.approx(lost[1], rel=0.02)
+
+
+@pytest.mark.release
+@pytest.mark.parametrize(("damping_time", "coarse"), [(0.5, 1.0), (0.002, 0.55)])
+def test_the_error_is_of_first_order_once_a_step_slides_less_than_friction_needs(
+    damping_time, coarse
+):
+    # longer steps turn friction round within one, where an arm that vibrates converges more slowly
+    schedule = {"time": [0.0, 0.5, 1.0, 2.0, 3.0], "share": [0.0, 1.0, 0.2, 0.2, 0.2]}
+    described = scenario(schedule=schedule).with_values({"arm.damping_time": damping_time})
+    steps = 1e-2 / 2 ** np.arange(5)
+    runs = {step: track(described, 1.0, step) for step in (*steps, 1e-2 / 2**6)}
+    *tracks, exact = (
+        run.angle[round(0.1 / step) - 1 :: round(0.1 / step)] for step, run in runs.items()
+    )
+    errors = [np.sqrt(np.mean((each - exact) ** 2)) for each in tracks]
+    found = order(errors)
+    assert found[0] == pytest.approx(coarse, abs=0.1)
+    # that of the last is a little more: the reference has an error too
+    assert found[2:] == pytest.approx([1.0, 1.15], abs=0.15)
+    slides = {
+        step: np.abs(np.diff(run.path)).max() / (ADHESION * LENGTH) for step, run in runs.items()
+    }
+    assert slides[steps[0]] > 2.0
+    assert slides[steps[3]] < 1.0
 
 
 @pytest.mark.slow

@@ -237,11 +237,16 @@ def wound():
             strains, at = system.strains(state)[:, 0], state.position[1:]
             return (strains, at, state.motion.line), outcome.converged
 
-        return jax.jvp(settle, (share,), (1.0,), has_aux=True)
+        values, linear, converged = jax.linearize(settle, share, has_aux=True)
+        slopes = linear(jnp.ones(()))
+        return values, slopes, jax.linear_transpose(linear, share)(slopes)[0], converged
 
     def found(*numbers):
-        values, slopes, converged = of(*map(jnp.asarray, numbers))
+        values, slopes, back, converged = of(*map(jnp.asarray, numbers))
         assert converged
+        # backward, weighted by the slopes themselves
+        squares = sum(float(np.sum(each**2)) for each in jax.tree.leaves(slopes))
+        assert float(back) == pytest.approx(squares, rel=1e-9)
         return values, slopes
 
     return found
@@ -523,10 +528,16 @@ def test_gradients_by_pressure_area_and_offset():
     # at the middle and at both ends, each along its way
     ways = jnp.tile(jnp.eye(7), (3, 1))
     points = 1e-4 * jnp.repeat(jnp.array([0.0, 1.0, -1.0]), 7)[:, None] * ways
-    along = eqx.filter_jit(lambda point, way: jax.jvp(height, (point,), (way,)))
-    found, slopes = (np.stack(each) for each in zip(*map(along, points, ways), strict=True))
+
+    @eqx.filter_jit
+    def along(point, way):
+        value, linear = jax.linearize(height, point)
+        return value, linear(way), jax.linear_transpose(linear, point)(jnp.ones(3))[0]
+
+    found, slopes, back = (np.stack(each) for each in zip(*map(along, points, ways), strict=True))
     differences = (found[7:14] - found[14:]) / 2e-4
     np.testing.assert_allclose(slopes[:7], differences, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(slopes[:7].sum(axis=1), back[0], rtol=1e-9, atol=1e-12)
 
 
 # --- the actuator ---------------------------------------------------------------------------------

@@ -64,7 +64,7 @@ def find(
     )
     slack = _memory(frozen, time, *unloaded[:2])
     careful = statics.careful(frozen, settings)
-    none, no_tangent = jnp.zeros_like(start), ReusedTangent.none(forces, start)
+    none, no_tangent = jnp.zeros_like(start), ReusedTangent.none(frozen, start)
     Shape = tuple[Rows, Frames | None]
 
     def follow(shape: Shape, _: None) -> tuple[Shape, tuple[Outcome, Array]]:
