@@ -51,6 +51,8 @@ class UnknownLayout(eqx.Module):
 
     def gather(self, rows: Rows) -> tuple[Rows, Extra]:
         """Return the rows of free nodes, and the other unknowns."""
+        if not self.extra and not self.lines:
+            return rows[BOUNDARY_NODES : self.nodes], jnp.zeros(0)
         # a line has no row: its zero is an entry too, as a constant has no derivative backward
         entries = (*(self.nodes * rows.shape[1] + i for i in self.extra), *[rows.size] * self.lines)
         padded = jnp.pad(rows.reshape(-1), (0, 1))
