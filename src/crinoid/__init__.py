@@ -6,7 +6,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from crinoid.foundation import display_hook
-from crinoid.foundation.moved import offer_old_names, warn_of_old_name
 from crinoid.foundation.version import __version__
 
 if TYPE_CHECKING:
@@ -155,17 +154,10 @@ if _LOOPS not in _given:
 if "gymnasium" in sys.modules:
     import_module("crinoid.learning.environment")
 
-offer_old_names()
 display_hook.notebook = lambda: import_module("crinoid.view.notebook")
 
 
-_RENAMED = {"Plan": "AssembledScenario", "Seen": "ControllerInput"}
-
-
 def __getattr__(name: str) -> Any:
-    if name in _RENAMED:
-        warn_of_old_name(f"crinoid.{name}", f"crinoid.{_RENAMED[name]}")
-        name = _RENAMED[name]
     if name not in _HOMES:
         raise AttributeError(f"module 'crinoid' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

@@ -1,10 +1,7 @@
 """The documentation: it is up to date, its links lead somewhere, its examples run."""
 
 import ast
-import importlib
 import re
-import subprocess
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -12,7 +9,6 @@ import pytest
 
 import crinoid
 from crinoid import tables
-from crinoid.foundation.moved import REMOVED
 from crinoid.inverse.experiments_file import Experiments
 from crinoid.scenario.document import parse
 from helpers.paths import ROOT
@@ -128,24 +124,3 @@ def test_the_map_of_folders_is_up_to_date():
     assert script.page() == (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     for path, text in script.inits().items():
         assert path.read_text("utf-8") == text, "run python docs/make_folder_map.py"
-
-
-def test_old_names_work_for_one_release():
-    code = (
-        "import crinoid.onset, crinoid.environment.reward as old\n"
-        "import crinoid.learning.environment.reward as new\n"
-        "assert old is new and crinoid.onset.Onset is crinoid.Onset\n"
-        "assert crinoid.Seen is crinoid.ControllerInput\n"
-        "assert crinoid.control.controller.Reading(1.0, 2.0).taken == 2.0\n"
-    )
-    ended = subprocess.run(
-        [sys.executable, "-W", "always", "-c", code], capture_output=True, text=True, check=True
-    )
-    for line in (
-        f"crinoid.onset is now crinoid.numerics.ramp; crinoid {REMOVED} removes the old name",
-        "crinoid.Seen is now crinoid.ControllerInput",
-        "an attribute of crinoid.Reading is now crinoid.Reading.measurement_time",
-    ):
-        assert f"DeprecationWarning: {line}" in ended.stderr
-    with pytest.raises(ModuleNotFoundError, match=r"crinoid\.nothing"):
-        importlib.import_module("crinoid.nothing")

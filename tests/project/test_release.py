@@ -13,7 +13,6 @@ import pytest
 import yaml
 
 from crinoid import __version__
-from crinoid.foundation.moved import REMOVED
 from helpers.paths import ROOT
 
 HOST = ROOT / ".github"
@@ -33,11 +32,6 @@ def test_the_citation_has_the_version_and_the_date_of_the_changelog():
     assert date in ("unreleased", str(cited["date-released"]))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert cited["license"] == project["license"]
-
-
-def test_the_version_still_has_the_old_names():
-    now, removed = ([int(part) for part in text.split(".")] for text in (__version__, REMOVED))
-    assert now < removed, "remove the old names, and set REMOVED in crinoid.foundation.moved"
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)

@@ -10,7 +10,6 @@ from jaxtyping import Array, Float
 
 from crinoid.control.estimate import Estimate
 from crinoid.control.target import Target
-from crinoid.foundation.moved import renamed
 
 Pose = Float[Array, " pose"]
 Command = Float[Array, " input"]
@@ -23,7 +22,6 @@ class Reading(eqx.Module):
     """Its values, in the units of `crinoid.Measurand.names`."""
     measurement_time: Float[Array, ""]
     """Time of the measurement (s)."""
-    taken = renamed("measurement_time")
 
 
 class ControllerInput(eqx.Module):
@@ -83,9 +81,6 @@ class ControllerInput(eqx.Module):
     lower: Command
     upper: Command
     readings: dict[str, Reading]
-    taken = renamed("measurement_time")
-    wanted = renamed("reference")
-    forward = renamed("feedforward")
 
     @property
     def age(self) -> Float[Array, ""]:

@@ -3,8 +3,6 @@
 May import ``elements`` and ``flow`` and ``base`` and lower folders.
 """
 
-from typing import TYPE_CHECKING
-
 from crinoid.dynamics.damped_modes import DampedModes as DampedModes
 from crinoid.dynamics.damped_modes import Relaxing as Relaxing
 from crinoid.dynamics.damped_modes import find_damped_modes as find_damped_modes
@@ -45,7 +43,3 @@ from crinoid.dynamics.transition import numbers_of as numbers_of
 from crinoid.dynamics.vehicle import Thrusters as Thrusters
 from crinoid.dynamics.vehicle import Vehicle as Vehicle
 from crinoid.dynamics.vehicle import VehicleOutput as VehicleOutput
-from crinoid.foundation.moved import renamed_names
-
-if not TYPE_CHECKING:
-    __getattr__ = renamed_names(__name__, {"Chart": "LocalCoordinates", "carried": "tool_factor"})

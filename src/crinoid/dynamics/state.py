@@ -15,7 +15,6 @@ from crinoid.dynamics.newton import ReusedTangent
 from crinoid.dynamics.obstacles import Touch
 from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, RowLayout
 from crinoid.elements import WORKS, Motion
-from crinoid.foundation.moved import renamed
 from crinoid.numerics.frames import Frames, beyond, unit
 
 Nodes = Any  # (n, d), of one state or of many at once, in JAX or NumPy
@@ -85,8 +84,6 @@ class State(eqx.Module):
     obstacle_attitude: Float[Array, "m d d"] | None = None
     body_gap: Float[Array, " pair"] | None = None
     memory: Memory = ()
-
-    kept = renamed("reused_tangent")
 
     @property
     def time(self) -> Any:
@@ -209,8 +206,6 @@ class EnergyAccount(eqx.Module):
     """Forces, impulses and times of the obstacles on the arm."""
     memory_energy: dict[str, Float[Array, ""]]
     """Stored energy that the memory of elements adds, by the names of their works (J)."""
-
-    working, touch = renamed("nonconservative_forces"), renamed("contact")
 
     @staticmethod
     def of(forces: Forces, state: State) -> "EnergyAccount":

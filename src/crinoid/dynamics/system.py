@@ -29,7 +29,6 @@ from crinoid.dynamics.state import EnergyAccount, State, tip_pose
 from crinoid.dynamics.time_step import TimeStepper
 from crinoid.dynamics.transition import Transition, transition
 from crinoid.dynamics.vehicle import VehicleOutput
-from crinoid.foundation.moved import renamed
 from crinoid.numerics import banded
 from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
@@ -91,9 +90,6 @@ class System(TimeStepper):
     max_halvings: Int[Array, ""]
     actuators: tuple[Actuator, ...] = ()
     grip_triggers: GripTriggers | None = None
-
-    advance_with_books, grasp = renamed("advance_with_account"), renamed("grip_triggers")
-    moved, voyage = renamed("step_with"), renamed("vehicle_output")
 
     @property
     def inputs(self) -> tuple[Input, ...]:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from crinoid.foundation.moved import warn_of_old_name
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.scenario.errors import got
 
@@ -40,13 +38,6 @@ class RewardInput(eqx.Module):
     """Whether the simulation failed."""
     success: Bool[Array, ""]
     """Whether the task is done."""
-
-
-def __getattr__(name: str) -> Any:
-    if name != "Moment":
-        raise AttributeError(name)
-    warn_of_old_name(f"{__name__}.Moment", f"{__name__}.RewardInput")
-    return RewardInput
 
 
 def closeness(moment: RewardInput) -> Float[Array, ""]:
