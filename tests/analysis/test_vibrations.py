@@ -141,6 +141,7 @@ def test_a_loss_factor_is_all_of_the_damping_unless_more_is_asked_for():
     assert alone.arm.damping_time == 0.0
     assert Scenario(arm={"relaxation": [{"ratio": 0.5, "time": 1.0}]}).arm.damping_time == 0.0
     assert Scenario().arm.damping_time == 0.02
+    assert Scenario().with_values({"arm.loss_factor": loss}).arm.damping_time == 0.0
     found = crinoid.modes(alone, count=2, in_air=True).isel(medium=0)
     np.testing.assert_allclose(found["damping_ratio"], 0.05, rtol=0.05)
     more = crinoid.modes(alone.with_values({"arm.damping_time": 0.002}), count=2, in_air=True)

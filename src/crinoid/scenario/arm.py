@@ -10,6 +10,7 @@ from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
     AsTuple,
     Count,
+    Follows,
     ListOf,
     Metres,
     Only,
@@ -124,7 +125,7 @@ class Arm(Model):
         (), "Maxwell branches: E(t) = youngs_modulus (1 + sum of ratio exp(-t / time))."
     )
     loss_factor: LossFactor | None = entry(None, "In place of `relaxation`: a loss factor.")
-    damping_time: Seconds = Field(
+    damping_time: Annotated[Seconds, Follows()] = Field(
         # branches are all of the damping, unless more is asked for
         default_factory=lambda given: 0.0 if has_branches(given) else _DAMPING_TIME,
         ge=0,

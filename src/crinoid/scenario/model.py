@@ -85,6 +85,8 @@ def properties_of(table: type[Model]) -> Schema:
 def _translated(detail: Any, properties: Schema, data: dict[str, Any]) -> list[Mistake]:
     """Return one error of pydantic as mistakes."""
     kind, place = detail["type"], detail["loc"]
+    if kind == "default_factory_not_called":  # because of another mistake
+        return []
     cause = detail.get("ctx", {}).get("error")
     inner = cause.mistakes if isinstance(cause, ScenarioError) else None
     if not place:

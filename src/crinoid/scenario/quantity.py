@@ -58,6 +58,10 @@ class InSpace(_SchemaMark):
         return {"default_in_space": default}
 
 
+class Follows:
+    """Mark of a key whose default follows from other keys."""
+
+
 @dataclass(frozen=True)
 class Only(_SchemaMark):
     """Mark of a key that exists in one dimension only.
@@ -123,12 +127,13 @@ def unwritten(
     """Return the keys to leave out of a written scenario, in the form of pydantic's ``exclude``.
 
     These are the keys of the other dimension. Keys without an explicit value whose default depends
-    on the dimension are left out too, if ``left_open`` is true of their dotted key.
+    on the dimension, or on other keys, are left out too, if ``left_open`` is true of their dotted
+    key.
     """
     found: dict[str, Any] = {}
     for name, mark in _marks(type(table)):
         other = isinstance(mark, Only) and mark.dimension != dimension
-        follows = isinstance(mark, Only | InSpace) and not _given(table, name)
+        follows = isinstance(mark, Only | InSpace | Follows) and not _given(table, name)
         if other or (follows and left_open(join(prefix, name))):
             found[name] = True
     for name, index, inner in _inner(table):
@@ -145,12 +150,12 @@ def _key(name: str, index: int | None) -> str:
 
 
 @cache
-def _marks(table: type[Model]) -> tuple[tuple[str, Count | InSpace | Only], ...]:
+def _marks(table: type[Model]) -> tuple[tuple[str, Count | InSpace | Only | Follows], ...]:
     return tuple(
         (name, mark)
         for name, field in table.model_fields.items()
         for mark in field.metadata
-        if isinstance(mark, Count | InSpace | Only)
+        if isinstance(mark, Count | InSpace | Only | Follows)
     )
 
 
