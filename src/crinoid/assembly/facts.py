@@ -162,16 +162,20 @@ class Facts:
         """Period of the slowest of them (s)."""
         return float(1 / self.frequencies[0])
 
+    def modulus(self, rate: float) -> complex:
+        """Return the complex modulus of the material at a rate (rad/s), over the relaxed one."""
+        arm, found = self.scenario.arm, 1.0 + 1j * rate * self.scenario.arm.damping_time
+        if arm.loss_factor is not None:
+            found += 1j * arm.loss_factor.value
+        for branch in arm.relaxation:
+            found += branch.ratio * 1j * rate * branch.time / (1 + 1j * rate * branch.time)
+        return found
+
     @cached_property
     def damping_ratio(self) -> float:
         """Damping ratio of the slowest vibration by the material."""
-        arm, rate = self.scenario.arm, 2 * math.pi / self.period
-        loss = 0.0 if arm.loss_factor is None else arm.loss_factor.value
-        if arm.relaxation:
-            turned = np.array([rate * branch.time for branch in arm.relaxation])
-            parts = np.array([branch.ratio for branch in arm.relaxation]) / (1 + turned**2)
-            loss = float(parts @ turned / (1 + parts @ turned**2))
-        return 0.5 * (rate * arm.damping_time + loss)
+        found = self.modulus(2 * math.pi / self.period)
+        return 0.5 * found.imag / found.real
 
     @cached_property
     def direction(self) -> tuple[float, ...]:

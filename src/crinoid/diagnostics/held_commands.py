@@ -21,22 +21,22 @@ _LARGE = 0.25
 
 def command_jumps(dataset: xr.Dataset, system: System, facts: Facts) -> Float[np.ndarray, " time"]:
     """Return by how much the commands make the arm's acceleration jump (m/s2)."""
-    turns = np.isin(dataset["channel"].values, list(ANGLES))
+    turns = np.isin(dataset["channel"].values, ANGLES)
     return np.sum(_jumps(dataset, system, facts) * np.where(turns, facts.length, 1.0), axis=1)
 
 
 def _jumps(dataset: xr.Dataset, system: System, facts: Facts) -> Float[np.ndarray, "time channel"]:
-    """Return by how much each command makes a servo's acceleration jump (m/s2 or rad/s2).
+    """Return by how much commands make the acceleration of a servo jump (m/s2 or rad/s2).
 
     A servo is a second-order follower of natural frequency n: a command that changes by c makes its
-    acceleration jump by ``n^2 c``.
+    acceleration jump by ``n^2 c``. Between saved instants commands are taken to change evenly.
     """
     command, time = dataset["base_command"].values, dataset["time"].values
     if time.size < 2:
         return np.zeros_like(command)
-    period = 1 / facts.scenario.control_rate_hz
+    apart = np.diff(time, prepend=2 * time[0] - time[1])[:, None]
     changes = np.abs(np.diff(command, axis=0, prepend=command[:1]))
-    changes *= period / np.diff(time, prepend=2 * time[0] - time[1])[:, None]
+    changes *= np.minimum(1 / (facts.scenario.control_rate_hz * apart), 1.0)
     servo = system.base.servo
     most = 2 * np.asarray(servo.max_acceleration)
     return np.minimum(np.asarray(servo.natural) ** 2 * changes, most)
@@ -48,23 +48,25 @@ def held_commands_note(dataset: xr.Dataset, system: System, facts: Facts) -> str
     Between two commands the acceleration falls as far as it jumps, so its RMS is the jump over
     sqrt(12). What follows at that rate is the arm near the root only, as far as a wave of stretch
     or of bending comes in the period: for stretch ``m c / w`` with its speed c, for bending
-    ``sqrt(2) m / k`` with its wave number k, both of a damped rod.
+    ``sqrt(2) m / k`` with its wave number k, both of a damped rod. A shift moves the mean of both.
     """
     scenario, step = facts.scenario, facts.scenario.simulation.time_step
     period = 1 / scenario.control_rate_hz
     if scenario.control.kind == "none" or step * _RESOLVED <= period * (1 + 1e-9):
         return ""
     rate, length = 2 * math.pi / period, facts.length
-    stiffer = abs(1 + 1j * rate * scenario.arm.damping_time)
+    stiffer = abs(facts.modulus(rate))
     mass, swung = float(facts.mass[0]), float(facts.swung[0])
     deep = math.sqrt(facts.stretching * stiffer / mass) / rate
     bend = (float(facts.bending.max()) * stiffer / (swung * rate**2)) ** 0.25
     along, across = mass * min(deep, length), swung * min(math.sqrt(2) * bend, length)
-    turns = np.isin(dataset["channel"].values, list(ANGLES))
+    turns = np.isin(dataset["channel"].values, ANGLES)
     follows = np.where(turns, swung * min(bend, length) ** 2, 0.5 * (along + across))
     late = slice(dataset.sizes["time"] // 2, None)
-    jump = _jumps(dataset, system, facts)[late]
-    push = float(np.sqrt(np.mean(np.sum((follows * jump) ** 2, axis=1)) / 12))
+    jumps = _jumps(dataset, system, facts)[late]
+    # dense instants have a command in some of them only
+    often = max(1.0, period / float(np.median(np.diff(dataset["time"]))))
+    push = float(np.sqrt(np.mean(np.sum((follows * jumps) ** 2, axis=1)) * often / 12))
     force = float(np.sqrt(np.mean(np.sum(dataset["base_force"].values[late] ** 2, axis=1))))
     if push <= _LARGE * force or not force > 0:
         return ""

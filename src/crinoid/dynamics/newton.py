@@ -12,7 +12,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_tangents
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import TangentFactors
@@ -80,13 +79,13 @@ class Settings(eqx.Module):
         iterations = jnp.asarray(max_iterations)
         return Settings(jnp.asarray(tolerance), floor, rod.length, iterations, weights)
 
-    def about(self, stage: StepMap, axes: int) -> "Settings":
+    def about(self, predicted: Rows) -> "Settings":
         """Return the settings of a solve, with the round-off of the positions that it adds up.
 
-        A base may be far away; and a predicted position of a light arm, with the correction that
-        brings it back, may be many times its length.
+        A base may have moved far; and a predicted position (m) of a light arm, with the correction
+        that brings it back, may be many times its length.
         """
-        farthest = jnp.max(jnp.abs(stage.position[:, :axes]))
+        farthest = jnp.max(jnp.abs(predicted))
         return replace(self, floor=self.floor * jnp.maximum(1.0, farthest / self.reach))
 
 
@@ -163,7 +162,7 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
-    settings = settings.about(stage, forces.axes)
+    settings = settings.about(forces.nodes(stage.position)[:, : forces.axes])
     # friction of the arm on itself, or of a free body, lets whole steps alternate between two
     # shapes where it sticks; a static solve, which has none, limits its turns and must pass larger
     # imbalances

@@ -9,6 +9,7 @@ oscillator, of twice the frequency, acts along ``w_n / U``.
 The oscillation has the velocity ``y' = (mean(w) - w) . e`` and the acceleration
 ``y'' = (a - Du/Dt) . e``. In a steady uniform current that is the arm's own velocity about its
 mean. All of it is relative to the water: a towed arm has the vortices of one held in a current.
+Eddies that a current carries past the arm are in ``y'``, but hardly in ``Du/Dt``.
 
 The signal at the end of a step is predicted from the state at its start, the state follows from
 the motion at the end: both to second order, and iterations see a force that depends on the

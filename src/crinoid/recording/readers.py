@@ -80,6 +80,8 @@ def read_dataset(file: str) -> xr.Dataset:
 def _other_format(path: Path, kind: str) -> ScenarioError:
     """Return the refusal of a file or folder of a format that is not read."""
     way = _WAYS.get(path.suffix.lower(), "pandas.read_csv(file, names=[...], ...)")
+    if path.is_dir() and path.suffix.lower() not in _WAYS:
+        return refusal("file", f"{path.name} is {kind}", _KNOWN)
     way += '.to_netcdf("a.nc")' if way.startswith("xarray") else '.to_csv("a.csv", index=False)'
     return refusal("file", f"{path.name} is {kind}", _KNOWN, f"In Python: {way}.")
 

@@ -94,8 +94,7 @@ def _are_depths(variable: xr.DataArray, values: np.ndarray, root: float, said: l
         down = -middle < root and (middle >= root or bool(_BATHYMETRY.fullmatch(name)))
         if -middle < root:
             way = "depth, positive down" if down else "height, positive up"
-            text = f"{name} is taken as a {way}: see its attribute positive, or rename it"
-            said.append(f"{text} depth or elevation")
+            said.append(f'{name} is taken as a {way}: set its attribute positive to "up" or "down"')
     elif down and "positive" not in variable.attrs and values.max() <= 0:
         said.append(f"{name} is negative and is taken as a height")
         down = False

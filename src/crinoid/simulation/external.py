@@ -245,10 +245,11 @@ class ExternalSignals:
         water = self._velocity + (begin - self._begin) * self._acceleration
         if current is not None:
             water = numbers("current", current, water.shape)
-        if not isinstance(base or {}, Mapping):
+        base = {} if base is None else base
+        if not isinstance(base, Mapping):
             raise ValueError(f"base: {got(base, 'be numbers by the names of channels')}")
         values, rates = self._values[-1].copy(), np.zeros(len(self._channels))
-        for name, given in (base or {}).items():
+        for name, given in base.items():
             if name not in self._channels:
                 raise ValueError(f"base: {got(name, f'be {one_of(self._channels)}')}")
             index = self._channels.index(name)
