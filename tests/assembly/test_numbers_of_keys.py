@@ -136,7 +136,7 @@ def test_each_key_of_a_planar_arm_moves_one_number_or_is_documented(scenarios):
     assert len(alone) > 110
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_each_key_moves_one_number_and_each_number_has_a_key_or_is_documented(scenarios):
     found = [follow(scenario) for scenario in scenarios]
     alone = {general(name) for _, some in found for name in some}

@@ -145,9 +145,9 @@ def test_the_search_keeps_the_best_gains_and_leaves_those_that_fail(search, monk
     assert tuning.failure.startswith("failed at t = 0.14 s: ")
     others = np.delete(tuning.cost, failed, axis=0)
     np.testing.assert_allclose(np.nanmin(others, axis=1), 1.0, rtol=1e-3)  # each got there
-    start, number = np.unravel_index(np.nanargmin(tuning.cost), tuning.cost.shape)
-    assert tuning.least == tuning.cost[start, number]
-    np.testing.assert_array_equal(tuning.best, tuning.logs[start, number])
+    assert tuning.least == np.nanmin(tuning.cost)
+    least = tuning.logs[tuning.cost == tuning.least]  # several, to round-off
+    assert (least == tuning.best).all(axis=1).any()
     np.testing.assert_allclose(np.exp(tuning.best), 10.0, rtol=0.05)
     given = tuning.tuned()["control.pid.heave.kp"]
     assert given == pytest.approx(0.02 * np.exp(tuning.best[0]), rel=1e-5)
