@@ -11,7 +11,7 @@ import pytest
 
 import crinoid
 from crinoid.elements import Motion, Synchronisation, Vortices, WakeOscillator
-from crinoid.elements.vortices import Oscillation
+from crinoid.elements.oscillators import Oscillation
 from crinoid.flow import Uniform
 from helpers.arms import always, arm
 from helpers.motion import gain, march_with_books

@@ -14,6 +14,7 @@ import pytest
 import crinoid
 from crinoid.scenario.control import KINDS
 from helpers.arms import QUICKLY
+from helpers.documents import joined
 from helpers.paths import ROOT
 
 H = 1e-5
@@ -63,18 +64,6 @@ LOOPS = {
     | {"obstacle": [{"kind": "sphere", "position": [0.3, -10.13], "radius": 0.05}]},
 }
 """A scenario for each controller, with another target each."""
-
-
-def joined(one, other):
-    """Return two documents in one; lists of tables follow each other."""
-    both = one | other
-    for key in one.keys() & other.keys():
-        a, b = one[key], other[key]
-        if isinstance(a, dict) and isinstance(b, dict):
-            both[key] = joined(a, b)
-        elif isinstance(a, list) and isinstance(b, list):
-            both[key] = a + b
-    return both
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ import pytest
 
 import crinoid
 from crinoid.scenario import Scenario, ScenarioError
+from helpers.documents import joined
 
 
 def tables(axes):
@@ -76,18 +77,6 @@ CLASH = [{"tool", "taken tool"}, {"floating", "motion"}]
 """Tables that exclude each other."""
 USUAL = {"actuator", "title", "seed", "vary", "measure", "output", "simulation", "training"}
 """Keys of a scenario that make no other program of an arm, or name packages."""
-
-
-def joined(one, other):
-    """Return two documents in one; lists of tables follow each other."""
-    both = one | other
-    for key in one.keys() & other.keys():
-        a, b = one[key], other[key]
-        if isinstance(a, dict) and isinstance(b, dict):
-            both[key] = joined(a, b)
-        elif isinstance(a, list):
-            both[key] = a + b
-    return both
 
 
 def scenario(axes, names):

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from scipy.integrate import solve_ivp
 
 from crinoid.elements import Drag, Element, Motion, Synchronisation, Vortices, WakeOscillator
-from crinoid.elements.vortices import Oscillation, Oscillator
+from crinoid.elements.oscillators import Oscillation, Oscillator
 from crinoid.rod import Rod
 from crinoid.view.figures.style import BLUE, INK, VERMILLION
 from validation.case import Check, Evidence, case

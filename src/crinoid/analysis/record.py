@@ -35,7 +35,7 @@ NO_MEAN = 0.05
 _STEADY = 1e-6
 """A standard deviation of less than this part of the largest speed is round-off."""
 _APART = 0.3
-"""Least part of a constituent's samples that no other one explains."""
+"""Smallest share of a constituent that is linearly independent of the other constituents."""
 _BINS = 15
 """Fewest bins of speed up to the largest."""
 

@@ -281,7 +281,7 @@ def keep_programs() -> None:
 
 
 _SAID, _PATIENCE = 5.0, 300.0
-"""Times after which a process says that it waits for another one, and waits no longer (s)."""
+"""Time after which a process reports that it waits, and time after which it stops waiting (s)."""
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -297,7 +297,7 @@ def _acquire(lock: filelock.BaseFileLock) -> None:
 
 
 def _holder(path: Path) -> tuple[str, bool]:
-    """Return which process locks a file, and whether it is stopped, as far as Linux tells."""
+    """Return the process that locks a file, and whether it is stopped; both known on Linux only."""
     try:
         inode = f":{path.stat().st_ino}"
         locks = map(str.split, Path("/proc/locks").read_text().splitlines())

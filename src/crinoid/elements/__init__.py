@@ -22,6 +22,9 @@ from crinoid.elements.hull_contact import HullContact as HullContact
 from crinoid.elements.loads import DistributedLoad as DistributedLoad
 from crinoid.elements.loads import TipLoad as TipLoad
 from crinoid.elements.material import Material as Material
+from crinoid.elements.oscillators import Oscillator as Oscillator
+from crinoid.elements.oscillators import Synchronisation as Synchronisation
+from crinoid.elements.oscillators import WakeOscillator as WakeOscillator
 from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
 from crinoid.elements.rigid import Pose as Pose
 from crinoid.elements.self_contact import SelfContact as SelfContact
@@ -33,11 +36,8 @@ from crinoid.elements.surface_contact import Surface as Surface
 from crinoid.elements.surface_contact import SurfaceContact as SurfaceContact
 from crinoid.elements.threads import Threads as Threads
 from crinoid.elements.tool import Tool as Tool
-from crinoid.elements.vortices import Oscillator as Oscillator
-from crinoid.elements.vortices import Synchronisation as Synchronisation
 from crinoid.elements.vortices import VortexForces as VortexForces
 from crinoid.elements.vortices import Vortices as Vortices
-from crinoid.elements.vortices import WakeOscillator as WakeOscillator
 from crinoid.elements.water import AddedMass as AddedMass
 from crinoid.elements.water import Drag as Drag
 from crinoid.elements.water import Weight as Weight

@@ -127,7 +127,7 @@ def _clock(frames: list[pd.DataFrame]) -> str:
 
 
 def _track(frame: pd.DataFrame, clock: str, topic: str, remarks: list[str]) -> pd.DataFrame:
-    """Return the numbers of a topic over time (ns), the last ones of messages at one time."""
+    """Return the numbers of a topic over time (ns); of messages at equal times the last one."""
     track = frame.set_index(clock).drop(columns={_MEASURED, _LOGGED} - {clock})
     last = np.diff(track.index, append=np.iinfo(np.int64).max) != 0
     if not last.all():

@@ -30,7 +30,7 @@ _ROUNDED = 0.05
 _CHECKED = 500
 """Number of places around a mesh where distances on the grid are compared with exact ones."""
 _FEW = 8
-"""Number of corners of a body that show whether it is inside of another one."""
+"""Number of vertices of a body that are tested for being inside another body."""
 _SHEET = 0.08
 """Half of the thickness by which a solid in a plane is drawn, of the arm's length."""
 

@@ -28,7 +28,7 @@ _SHOWN, _PARTS = 1.5, 60
 _SHEET, _DEEP = 0.08, 0.1
 """Half of the thickness by which a bed in a plane is drawn, and its depth, of the arm's length."""
 _BATHYMETRY = re.compile(r"h|.*bathy.*", re.I)
-"""Names of depths of a bed, if nothing else says what they are."""
+"""Usual names of water depth, for variables without a standard name or direction."""
 _FEWEST = 4
 """Least number of heights along an axis."""
 
