@@ -70,7 +70,7 @@ nitpick_ignore_regex = [
     (r"py:class", r"crinoid\.elements\.rigid\..*"),
     (
         r"py:class",
-        r"crinoid\.elements\.(material\.Strained|vortices\.Oscillation|tendon_friction\..*)",
+        r"crinoid\.elements\.(material\.Strained|oscillators\.Oscillation|tendon_friction\..*)",
     ),
     (
         r"py:class",
