@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from crinoid.analysis.equilibria import equilibria
     from crinoid.analysis.linearisation import linearise
     from crinoid.analysis.vibrations import modes
+    from crinoid.assembly.actuators import ActuatorParameters
     from crinoid.assembly.arrays import flow_onset, load_onset
     from crinoid.assembly.plan import AssembledScenario
     from crinoid.assembly.prepared import parameters, system
     from crinoid.assembly.system import assemble
-    from crinoid.assembly.threads import ActuatorParameters
     from crinoid.control import Controller, ControllerInput, Measurand, Sensor
     from crinoid.dynamics import Outcome, State, System
     from crinoid.elements import Element, Motion
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Actuator": "crinoid.actuation",
-    "ActuatorParameters": "crinoid.assembly.threads",
+    "ActuatorParameters": "crinoid.assembly.actuators",
     "Controller": "crinoid.control",
     "Element": "crinoid.elements",
     "Flow": "crinoid.flow",

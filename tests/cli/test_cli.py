@@ -6,17 +6,7 @@ import pytest
 from crinoid.cli.command import folder_for
 from crinoid.cli.display import words_of
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario
-from helpers.command import call, one_line, refused, succeeded
-
-SMALL = Scenario(
-    title="small",
-    arm={"nodes": 5, "youngs_modulus": 5e5},
-    base={"channels": {"tilt": {}}},
-    flow=[{"kind": "uniform", "velocity": [0.2, 0.1], "ramp_time": 0.1}],
-    control={"kind": "pid", "pid": {"tilt": {"kp": 0.5}}},
-    simulation={"duration": 0.2},
-)
+from helpers.command import SMALL, call, one_line, refused, succeeded
 
 
 @pytest.fixture

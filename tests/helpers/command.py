@@ -7,6 +7,17 @@ from typer import Typer
 from typer.testing import CliRunner, Result
 
 from crinoid.cli.app import app
+from crinoid.scenario import Scenario
+
+SMALL = Scenario(
+    title="small",
+    arm={"nodes": 5, "youngs_modulus": 5e5},
+    base={"channels": {"tilt": {}}},
+    flow=[{"kind": "uniform", "velocity": [0.2, 0.1], "ramp_time": 0.1}],
+    control={"kind": "pid", "pid": {"tilt": {"kp": 0.5}}},
+    simulation={"duration": 0.2},
+)
+"""A closed loop for commands whose result does not matter."""
 
 
 def call(*arguments: object, of: Typer = app) -> Result:

@@ -4,18 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from crinoid.scenario import Scenario
 from helpers.browsing import Opened
-from helpers.command import call, succeeded
+from helpers.command import SMALL, call, succeeded
 
-SMALL = Scenario(
-    title="small",
-    arm={"nodes": 5, "youngs_modulus": 5e5},
-    base={"channels": {"tilt": {}}},
-    flow=[{"kind": "uniform", "velocity": [0.2, 0.1], "ramp_time": 0.1}],
-    control={"kind": "pid", "pid": {"tilt": {"kp": 0.5}}},
-    simulation={"duration": 0.2},
-)
 BROKEN = ("NaN", "undefined", "Infinity", "[object")
 """Words of a script that shows what is not there."""
 

@@ -17,13 +17,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from crinoid.actuation import Input
+from crinoid.assembly.actuators import ActuatorParameters
 from crinoid.assembly.arrays import Builder, Numbers, array, build_flow, from_table, load_numbers
 from crinoid.assembly.base import BaseParameters
 from crinoid.assembly.bodies import ToolParameters, VehicleParameters
 from crinoid.assembly.door import build_part
 from crinoid.assembly.far_contacts import HullParameters, SelfContactParameters
 from crinoid.assembly.obstacles import ObstacleParameters
-from crinoid.assembly.threads import ActuatorParameters, ThreadParameters
+from crinoid.assembly.threads import ThreadParameters
 from crinoid.dynamics import Integrator
 from crinoid.elements import Oscillator, Synchronisation, Vortices, WakeOscillator
 from crinoid.elements.material import branches_of_loss_factor

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.actuation import Input
+from crinoid.assembly.actuators import ActuatorParameters
 from crinoid.assembly.door import check_element, check_flow
 from crinoid.assembly.parameters import Parameters
-from crinoid.assembly.threads import ActuatorParameters
 from crinoid.base import BaseMotion
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Allocation, Controller, Sensor, Target, damped_inverse

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from crinoid.assembly.actuators import assemble_actuators
 from crinoid.assembly.arrays import array
 from crinoid.assembly.door import build_part, check_element, check_flow, part_name, require
 from crinoid.assembly.parameters import Parameters
-from crinoid.assembly.threads import assemble_actuators
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import FarContact, Forces, FreeBodies, Hull, Settings, System

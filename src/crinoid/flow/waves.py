@@ -228,9 +228,12 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
         count, before, now = state
         return (count < _MOST) & jnp.any(jnp.abs(now - before) > _CLOSE * now)
 
+    def rise(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        count, _, now = state
+        return count + 1, now, improved(now, fixed)
+
     start = (jnp.asarray(0), first, improved(first, fixed))
-    step = lambda state: (state[0] + 1, state[2], improved(state[2], fixed))  # noqa: E731
-    _, _, found = jax.lax.while_loop(rises, step, start)
+    _, _, found = jax.lax.while_loop(rises, rise, start)
     # one more step has the derivative of the solution
     return improved(found, given)
 

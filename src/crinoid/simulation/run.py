@@ -14,9 +14,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from crinoid.assembly.actuators import ActuatorParameters
 from crinoid.assembly.plan import AssembledScenario, Parts
 from crinoid.assembly.prepared import Prepared
-from crinoid.assembly.threads import ActuatorParameters
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Controller, Sensor
 from crinoid.diagnostics.control_loop import loop_notes

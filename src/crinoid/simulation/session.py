@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from crinoid.actuation import Input
+from crinoid.assembly.actuators import ActuatorParameters
 from crinoid.assembly.arrays import array
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
-from crinoid.assembly.threads import ActuatorParameters
 from crinoid.compilation import OFTEN, compiled
 from crinoid.control import ControllerInput, Sensor
 from crinoid.diagnostics.control_loop import loop_notes
