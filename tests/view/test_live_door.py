@@ -49,12 +49,23 @@ def session_of(page):
     return page.clock._session
 
 
-def asked(page, *lines, frame=b""):
-    """Return the status of the answer to a request, and send a message right behind it."""
+def wait_for(condition):
+    last = time.monotonic() + 120  # a session compiles first
+    while not condition() and time.monotonic() < last:
+        time.sleep(0.01)
+    assert condition()
+
+
+def asked(page, *lines, frame=b"", until=lambda: True):
+    """Return the status of the answer to a request, and send a message right behind it.
+
+    A closed connection may lose the message: it stays open until a condition holds.
+    """
     with socket.create_connection(("127.0.0.1", page.server.get_port()), timeout=30) as plain:
         text = "\r\n".join(("GET / HTTP/1.1", *lines))
         plain.sendall(text.encode() + b"\r\n" + frame)
         status = int(plain.recv(100).split()[1])
+        wait_for(until)
         plain.settimeout(0.5)
         try:
             while plain.recv(100_000):
@@ -62,13 +73,6 @@ def asked(page, *lines, frame=b""):
         except TimeoutError:
             pass
         return status
-
-
-def wait_for(condition):
-    last = time.monotonic() + 120  # a session compiles first
-    while not condition() and time.monotonic() < last:
-        time.sleep(0.01)
-    assert condition()
 
 
 @pytest.mark.parametrize(
@@ -97,9 +101,13 @@ def test_only_the_page_itself_moves_the_target(page, host, origin, welcome):
     lines = [f"{name}: {text.format(port)}" for name, text in given.items() if text is not None]
     assert asked(page, *lines, "") == (200 if welcome else 403)
     frame = Frame(Opcode.BINARY, encoded(DRAG)).serialize(mask=True)
-    assert asked(page, *lines, UPGRADE, frame=frame) == (101 if welcome else 403)
+
+    def moved():
+        return session_of(page)._shift.any() or not welcome
+
+    status = asked(page, *lines, UPGRADE, frame=frame, until=moved)
+    assert status == (101 if welcome else 403)
     if welcome:
-        wait_for(lambda: session_of(page)._shift.any())
         session_of(page).drag(None)
     assert not session_of(page)._shift.any()
 
