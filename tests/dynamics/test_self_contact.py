@@ -18,6 +18,7 @@ from crinoid.dynamics.statics import static_stage
 from crinoid.dynamics.tangent import LineStiffness
 from crinoid.rod import Rod
 from helpers.arms import dense
+from helpers.newton_steps import factored
 from helpers.touching import moving
 
 RADIUS = 0.01
@@ -217,19 +218,19 @@ def test_tangent_is_the_slope_of_the_residual(dimension, tables):
             moved = forces.motion(stage, correction, balance.around)
             return forces.nodes(forces.far_contacts[0].push(moved))
 
-        tangent = balance.tangent(zero)
-        exact = jax.jvp(lambda c: balance.residual(c)[0], (zero,), (way,))[1]
+        tangent = balance.tangent(balance.motion(zero))
+        exact = jax.jvp(lambda c: balance.residual(balance.motion(c))[0], (zero,), (way,))[1]
         alone = jax.jvp(pushed, (zero,), (way,))
         along = jnp.einsum("nbmc,mc->nb", tangent.far, forces.nodes(way))
-        return tangent.solve(exact), tangent.solve_by(tangent.factorise(), exact), alone, along
+        return tangent.solve(exact), factored(tangent, exact), alone, along
 
-    solved, factored, (alone, slope), along = both(balance, jnp.asarray(way))
+    solved, by_factors, (alone, slope), along = both(balance, jnp.asarray(way))
     assert np.abs(alone).max() > 0.1  # it touches itself
     if not tables:  # a vehicle moves the root, too
         size = np.abs(slope).max()
         assert np.asarray(along) == pytest.approx(-np.asarray(slope), abs=1e-9 * size)
     assert np.asarray(solved) == pytest.approx(way, abs=1e-7)
-    assert np.asarray(factored) == pytest.approx(np.asarray(solved), abs=1e-9)
+    assert np.asarray(by_factors) == pytest.approx(np.asarray(solved), abs=1e-9)
 
 
 def test_modes_are_those_of_bands_and_far_edges_together():

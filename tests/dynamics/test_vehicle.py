@@ -61,8 +61,9 @@ def begun(system, velocity):
     none, zero = jnp.zeros_like(position), jnp.zeros(())
     stage = StepMap(state.time, position, velocity, none, zero, zero, jnp.ones(()), frames)
     around = forces.surroundings(stage, none)
-    residual, _ = forces.residual(forces.motion(stage, none, around))
-    acceleration = Balance(forces, around, stage).tangent(none).solve(-residual)
+    motion = forces.motion(stage, none, around)
+    residual, _ = forces.residual(motion)
+    acceleration = Balance(forces, around, stage).tangent(motion).solve(-residual)
     motion = forces.motion(stage, acceleration, around)
     acceleration_history = jnp.stack([motion.acceleration] * 5)
     return eqx.tree_at(

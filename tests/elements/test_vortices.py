@@ -19,12 +19,16 @@ from helpers.motion import gain, march_with_books
 DIAMETER, DENSITY, SPEED = 0.1, 1000.0, 0.5
 SHEDDING = SPEED / DIAMETER
 MODELS = {
-    "synchronisation": lambda harmonic: Synchronisation(harmonic, *map(jnp.asarray, (0.18, 0.08))),
-    "wake-oscillator": lambda harmonic: WakeOscillator(
-        harmonic, *map(jnp.asarray, (0.2, 12.0, 0.3))
-    ),
+    "synchronisation": (Synchronisation, 0.18, 0.08),
+    "wake-oscillator": (WakeOscillator, 0.2, 12.0, 0.3),
 }
 each_model = pytest.mark.parametrize("model", MODELS)
+
+
+def oscillator(model, harmonic):
+    """Build the oscillators of one or more harmonics."""
+    kind, *numbers = MODELS[model]
+    return kind(*(jnp.full(jnp.shape(harmonic), number) for number in (harmonic, *numbers)))
 
 
 def at(velocity=0.0, acceleration=0.0):
@@ -51,7 +55,7 @@ def on_fixed(model, harmonic):
     """Return the amplitude of the signal on a fixed cylinder, and its frequency (Hz)."""
     still = jnp.zeros(60_000)
     signal, phase = map(
-        np.asarray, oscillated(MODELS[model](harmonic), still, still, jnp.asarray(1e-3))
+        np.asarray, oscillated(oscillator(model, harmonic), still, still, jnp.asarray(1e-3))
     )
     turns = np.unwrap(phase)[30_000:] / (2 * np.pi)
     whole = np.floor(turns[-1] - turns[0])
@@ -60,11 +64,11 @@ def on_fixed(model, harmonic):
 
 
 def test_vortices_along_the_flow_have_twice_the_frequency_of_those_across():
-    amplitude, frequency = on_fixed("synchronisation", 2)
+    amplitude, frequency = on_fixed("synchronisation", 2.0)
     assert amplitude == pytest.approx(1.0, rel=1e-3)
     rate = np.sqrt(0.18**2 - 0.08**2)
     assert frequency == pytest.approx(2 * rate * SHEDDING, rel=1e-3)
-    amplitude, frequency = on_fixed("wake-oscillator", 2)
+    amplitude, frequency = on_fixed("wake-oscillator", 2.0)
     assert amplitude == pytest.approx(2.0014 / 2, rel=1e-3)
     assert frequency == pytest.approx(2 * 0.99442 * 0.2 * SHEDDING, rel=1e-3)
 
@@ -80,7 +84,7 @@ def test_a_forced_cylinder_locks_in_between_centre_less_and_centre_plus_range(lo
         y = 0.5 * DIAMETER
         motion = y * rate * np.cos(rate * time), -y * rate**2 * np.sin(rate * time)
         _, phase = oscillated(
-            MODELS["synchronisation"](1), *map(jnp.asarray, motion), jnp.asarray(step)
+            oscillator("synchronisation", 1.0), *map(jnp.asarray, motion), jnp.asarray(step)
         )
         slipped = np.unwrap(np.asarray(phase)) - rate * time
         locked.append(np.ptp(slipped[30_000:]) < 1.0)
@@ -109,8 +113,7 @@ def test_a_frame_that_moves_and_speeds_up_with_the_water_changes_nothing(model):
                 memory = one.steady(motion)
             vortices = one.remembering(memory, jnp.asarray(step))
             memory = vortices.advance(motion)
-            pairs = zip(one.oscillators, memory, strict=True)
-            found.append([each.phase(state) for each, state in pairs])
+            found.append(one.oscillator.phase(memory))
         return np.asarray(found)
 
     np.testing.assert_allclose(phases(5.0), phases(0.0), rtol=0, atol=1e-9)
@@ -126,7 +129,7 @@ def riser(model, axes=3, **more):
             density=1000.0,
             coefficients=jnp.array([0.8, 0.1]),
             angles=jnp.asarray(np.random.default_rng(1).uniform(0, 6, (edges, 2))),
-            oscillators=(MODELS[model](1), MODELS[model](2)),
+            oscillator=oscillator(model, jnp.array([1.0, 2.0])),
         )
 
     stiff = {"EI": 0.02 if axes == 2 else (0.02, 0.02), "GJ": 0.02, "EA": 200.0}

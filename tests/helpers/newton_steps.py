@@ -30,12 +30,18 @@ def slopes(forces, stage):
     return tangent.bands, tangent.of_lines, jax.jacfwd(residual)(none)
 
 
+def factored(tangent, rhs):
+    """Solve by the factors, as Newton's method does."""
+    found, touching = tangent.factorise().solve(rhs), tangent.solve_touching(rhs)
+    return found if touching is None else jnp.where(tangent.touches, touching, found)
+
+
 @eqx.filter_jit(compiler_options=QUICKLY)
 def improve(forces, stage, correction):
     """Return the correction after one step of Newton's method, in water expanded where none is."""
     motion, around = motion_of(forces, stage, correction)
     residual, _ = forces.residual(motion)
-    return correction + Balance(forces, around, stage).tangent(correction).solve(-residual)
+    return correction + Balance(forces, around, stage).tangent(motion).solve(-residual)
 
 
 def assert_converges_quadratically(forces, stage, off, *, linear=False, least=1e-9):
@@ -83,4 +89,4 @@ def solve_afloat(system, drive, noise, rhs):
     tangent = forces.tangent(stage, forces.motion(stage, noise[2], around), around)
     solved = tangent.solve(rhs)
     product = jax.jvp(residual, (noise[2],), (solved,))[1]
-    return solved, tangent.solve_by(tangent.factorise(), rhs), product, tangent.on_held(solved)
+    return solved, factored(tangent, rhs), product, tangent.on_held(solved)

@@ -138,10 +138,10 @@ def test_blocks_of_all_stencils_add_up():
         for i, window in enumerate(block):
             k = window.shape[0]
             expected[first + i : first + i + k, :, first + i : first + i + k] += window
-    bands = banded.assemble([(first, jnp.asarray(block)) for first, block in blocks], n)
+    bands = banded.assemble([(first, jnp.asarray(block)) for first, block in blocks], n, b)
     np.testing.assert_allclose(dense(bands), expected, rtol=0, atol=1e-14)
 
 
 def test_a_window_too_wide_is_refused():
     with pytest.raises(ValueError, match="at most 3 nodes, got 4"):
-        banded.assemble([(0, jnp.zeros((2, 4, 2, 4, 2)))], 6)
+        banded.assemble([(0, jnp.zeros((2, 4, 2, 4, 2)))], 6, 2)

@@ -97,6 +97,10 @@ class ArmParameters(eqx.Module):
         )
 
 
+_HARMONICS = np.array([1.0, 2.0])
+"""Frequencies of both oscillators over that of shedding, across and along the flow."""
+
+
 class VortexParameters(eqx.Module):
     """The numbers of ``[water.vortices]``; None of those of another model."""
 
@@ -126,20 +130,19 @@ class VortexParameters(eqx.Module):
     def element(self, rod: Rod, density: Array) -> Vortices:
         """Build the element of a rod in water of a density (kg/m3)."""
 
-        def oscillator(harmonic: int) -> Oscillator:
-            if self.centre is not None and self.range is not None:
-                return Synchronisation(harmonic, self.centre, self.range)
-            assert self.strouhal is not None
-            assert self.coupling is not None
-            assert self.damping is not None
-            return WakeOscillator(harmonic, self.strouhal, self.coupling, self.damping)
+        def oscillator(kind: type[Oscillator], *numbers: Array | None) -> Oscillator:
+            return kind(*(jnp.broadcast_to(number, (2,)) for number in (_HARMONICS, *numbers)))
 
+        if self.centre is not None:
+            both = oscillator(Synchronisation, self.centre, self.range)
+        else:
+            both = oscillator(WakeOscillator, self.strouhal, self.coupling, self.damping)
         return Vortices.of(
             rod,
             density=density,
             coefficients=jnp.stack([self.lift, self.in_line]),
             angles=self.angles,
-            oscillators=(oscillator(1), oscillator(2)),
+            oscillator=both,
         )
 
 

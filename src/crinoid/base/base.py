@@ -10,7 +10,7 @@ from jaxtyping import Array, Complex, Float
 
 from crinoid.actuation import Actuator, Input
 from crinoid.foundation.axes import ANGLES, CHANNELS
-from crinoid.numerics.frames import cross, dot
+from crinoid.numerics.frames import cross, dot, rotate_90
 from crinoid.numerics.piecewise import PiecewisePolynomial
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import product
@@ -286,14 +286,9 @@ class Base(eqx.Module):
 
         Turned by pan, by tilt and by roll, from t = x, m_1 = y, m_2 = z.
         """
-        pan, tilt, roll = self.angles + pose[3:]
-        level = jnp.stack([jnp.cos(pan), jnp.sin(pan), jnp.zeros(())])
-        port = jnp.stack([-jnp.sin(pan), jnp.cos(pan), jnp.zeros(())])
-        up = np.array([0.0, 0.0, 1.0])
-        tangent = jnp.cos(tilt) * level + jnp.sin(tilt) * up
-        above = jnp.cos(tilt) * up - jnp.sin(tilt) * level
-        m_1 = jnp.cos(roll) * port + jnp.sin(roll) * above
-        return jnp.stack([tangent, m_1, jnp.cos(roll) * above - jnp.sin(roll) * port])
+        (_, c, cr), (_, s, sr) = self._turns(pose)
+        parts = [[c, jnp.zeros(()), s], [-sr * s, cr, sr * c], [-cr * s, -sr, cr * c]]
+        return self._panned(pose, parts)
 
     def rotation(self, pose: Channels) -> Float[Array, "d d"]:
         """Return the matrix that turns what the base carries from its set pose into a pose."""
@@ -307,21 +302,51 @@ class Base(eqx.Module):
         root = pose[: self.axes]
         return jnp.stack([root - self.ghost_length * self.direction(pose), root])
 
-    def moving(self, pose: Channels, rate: Channels) -> tuple[Array, Array]:
-        """Return the positions held, and how they move: in space with the ghost edge's spin."""
-        position, velocity = jax.jvp(self.hold, (pose,), (rate,))
-        if self.axes == 2:
-            return position, velocity
-        frame, turning = jax.jvp(self.frame, (pose,), (rate,))
-        spin = jnp.stack([jnp.zeros(()), dot(turning[1], frame[2])])
-        return position, jnp.concatenate([velocity, spin[:, None]], axis=1)
+    def moving(self, pose: Channels, rate: Channels, second: Channels) -> Prescribed:
+        """Return how the ghost node and the root move for a pose and its first two rates."""
+        axes = self.axes
+        root = jnp.stack([pose[:axes], rate[:axes], second[:axes]])
+        if axes == 2:
+            tangent, turn, faster = self.direction(pose), rate[2], second[2]
+            normal = rotate_90(tangent)
+            lever = jnp.stack([tangent, turn * normal, faster * normal - turn**2 * tangent])
+            ghost = root - self.ghost_length * lever
+            return Prescribed(*jnp.stack([ghost, root], axis=1), None)
+        (_, c, _), (_, s, _) = self._turns(pose)
+        pan, tilt, roll = rate[3], rate[4], rate[5]
+        more_pan, more_tilt, more_roll = second[3], second[4], second[5]
+        ahead = more_tilt * s + (tilt**2 + pan**2) * c
+        aside = more_pan * c - 2 * pan * tilt * s
+        parts = [
+            [c, jnp.zeros(()), s],
+            [-tilt * s, pan * c, tilt * c],
+            [-ahead, aside, more_tilt * c - tilt**2 * s],
+        ]
+        ghost = root - self.ghost_length * self._panned(pose, parts)
+        still = jnp.zeros(3)
+        spin = jnp.stack([pan * s + roll, more_pan * s + pan * tilt * c + more_roll])
+        velocity, acceleration = jnp.concatenate(
+            [
+                jnp.stack([ghost, root], axis=1)[1:],
+                jnp.stack([still[:2], spin], axis=1)[..., None],
+            ],
+            axis=2,
+        )
+        return Prescribed(jnp.stack([ghost[0], root[0]]), velocity, acceleration, self.frame(pose))
 
     def prescribe(self, time: Float[Array, ""], servo: ServoState) -> Prescribed:
         """Return how the ghost node and the root move at ``time``."""
-        pose, rate, second = self.pose(time, servo)
-        (position, velocity), (_, acceleration) = jax.jvp(self.moving, (pose, rate), (rate, second))
-        frame = self.frame(pose) if self.axes == 3 else None
-        return Prescribed(position, velocity, acceleration, frame)
+        return self.moving(*self.pose(time, servo))
+
+    def _turns(self, pose: Channels) -> tuple[Array, Array]:
+        """Return the cosines and the sines of pan, tilt and roll."""
+        angles = self.angles + pose[3:]
+        return jnp.cos(angles), jnp.sin(angles)
+
+    def _panned(self, pose: Channels, parts: list[list[Array]]) -> Float[Array, "3 3"]:
+        """Return vectors from their parts along the panned x and y, and along z."""
+        (c, _, _), (s, _, _) = self._turns(pose)
+        return jnp.stack([jnp.stack([c * x - s * y, s * x + c * y, z]) for x, y, z in parts])
 
     @staticmethod
     def wrench(

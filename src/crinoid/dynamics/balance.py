@@ -5,13 +5,14 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import Tangent
 from crinoid.dynamics.windows import Surroundings
+from crinoid.elements import Motion
 
 Rows = Float[Array, "rows b"]
 
@@ -26,19 +27,16 @@ class Balance(eqx.Module):
     load_factor: Float[Array, ""] | None = None
     """Factor on the forces from outside; None for 1."""
 
-    def residual(self, correction: Rows) -> tuple[Rows, Float[Array, " b"]]:
+    def motion(self, correction: Rows) -> Motion:
+        """Return the motion of all rows for a correction."""
+        return self.forces.motion(self.stage, correction, self.around)
+
+    def residual(self, motion: Motion) -> tuple[Rows, Float[Array, " b"]]:
         """Return the residual, and the largest single force in it of each column (N)."""
-        motion = self.forces.motion(self.stage, correction, self.around)
         return self.forces.residual(motion, self.load_factor)
 
-    def touches(self, correction: Rows) -> Bool[Array, ""]:
-        """Return whether far parts of the arm are in contact."""
-        return self.forces.touches(self.forces.motion(self.stage, correction, self.around).position)
-
-    @eqx.filter_jit
-    def tangent(self, correction: Rows) -> Tangent:
+    def tangent(self, motion: Motion) -> Tangent:
         """Return d(residual)/d(correction)."""
-        motion = self.forces.motion(self.stage, correction, self.around)
         return self.forces.tangent(self.stage, motion, self.around, self.load_factor)
 
 
@@ -50,7 +48,7 @@ def implicit_derivative(
     ``t_balance`` is the tangent of the balance, ``tangent`` the matrix at the correction.
     """
     _, t_residual = eqx.filter_jvp(
-        lambda balance: balance.residual(correction)[0], (balance,), (t_balance,)
+        lambda balance: balance.residual(balance.motion(correction))[0], (balance,), (t_balance,)
     )
     if t_residual is None:  # no force depends on the varied numbers
         t_residual = jnp.zeros_like(correction)

@@ -190,16 +190,14 @@ class Forces(ArmWithBodies):
             )
 
         jacobians = jax.vmap(jacobian)
-        # elements without spins are assembled on positions only
-        blocks: dict[int, list[tuple[int, Array]]] = {self.axes: [], size: []}
+        blocks: list[tuple[int, Array]] = []
         for first, elements in windows.groups(self.elements, self.axes):
             count, stencil = windows.count(elements[0]), elements[0].stencil
             window = windows.motion_windows(elements[0], motion)
             along = jax.tree.map(
                 partial(banded.gather, first=first, count=count, stencil=stencil), slopes
             )
-            block = jacobians(elements, window, along)
-            blocks[block.shape[-1]].append((first, block))
+            blocks.append((first, jacobians(elements, window, along)))
         obstacles = self.obstacles
         if obstacles is not None:
             pairs = obstacles.motions(self.obstacle_motion(motion))
@@ -208,15 +206,8 @@ class Forces(ArmWithBodies):
             touch = obstacles.each(lambda c, m, s: jacobian((c,), m, (s, None)), pairs, still)
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
             on_edges = obstacles.on_edges(jnp.sum(touch[:, :, :2, :, :2], axis=0))
-            blocks[size].append((obstacles.contact.first, on_edges))
-        bands = sum(
-            (
-                jnp.pad(banded.assemble(some, num_nodes), [(0, 0)] * 2 + [(0, size - width)] * 2)
-                for width, some in blocks.items()
-                if some
-            ),
-            start=jnp.zeros((num_nodes, 5, size, size)),
-        )
+            blocks.append((obstacles.contact.first, on_edges))
+        bands = banded.assemble(blocks, num_nodes, size)
         border = None
         if obstacles is not None and obstacles.bodies is not None and self.free:
 

@@ -15,6 +15,7 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import TangentFactors
+from crinoid.elements import Motion
 from crinoid.rod import Rod
 
 SOLVED = "solved"
@@ -187,7 +188,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         alone = replace(balance, forces=replace(forces, far_contacts=()))
         touched = jnp.isinf(reused.contraction)
         found = _loop(alone, guess, settings, replace(start, done=touched))
-        again = touched | balance.touches(found.correction) | ~found.outcome.converged
+        again = touched | _touches(balance, found.correction) | ~found.outcome.converged
         wasted = jnp.where(again, found.count, 0)
         start = replace(
             found,
@@ -202,7 +203,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
     # contact of far parts is not in the factors that are kept; a good guess needs none
     touches = end.touches
     if forces.far_contacts and searches:
-        touches |= jax.lax.cond(again, lambda: balance.touches(end.correction), lambda: again)
+        touches |= jax.lax.cond(again, lambda: _touches(balance, end.correction), lambda: again)
     contraction = jnp.where(touches, jnp.inf, jnp.maximum(end.contraction, _AGED))
     reused = ReusedTangent(end.tangent, contraction, stage.by_acceleration)
     return end.correction, end.residual[:BOUNDARY_NODES], outcome, reused
@@ -218,7 +219,8 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
     def iterate(carry: _Iteration) -> _Iteration:
         # evaluated in one place, for the guess and its successors: elements are most of a program
         correction, before = carry.correction, carry.outcome
-        residual, outcome = imbalance(balance, correction, settings)
+        motion = balance.motion(correction)
+        residual, outcome = imbalance(balance, motion, settings)
         # the same tangent contracts about twice less in the next iteration
         contraction = jnp.where(
             carry.count > 0, outcome.residual / before.residual, carry.contraction
@@ -242,16 +244,18 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
         def correct(one: tuple[Rows, TangentFactors, Array, Array]) -> Any:
             correction, tangent, _, _ = one
 
-            def renewed() -> tuple[TangentFactors, Rows, Array]:
-                whole = balance.tangent(correction)
-                factors = whole.factorise()
-                return factors, whole.solve_by(factors, -residual), whole.touches
+            def renewed() -> tuple[TangentFactors, Rows | None, Array]:
+                whole = balance.tangent(motion)
+                return whole.factorise(), whole.solve_touching(-residual), whole.touches
 
-            tangent, change, touches = jax.lax.cond(
-                suffices,
-                lambda: (tangent, tangent.solve(-residual), jnp.asarray(False)),
-                renewed,
-            )
+            def kept() -> tuple[TangentFactors, Rows | None, Array]:
+                apart = jnp.zeros_like(residual) if forces.far_contacts else None
+                return tangent, apart, jnp.asarray(False)
+
+            tangent, touching, touches = jax.lax.cond(suffices, kept, renewed)
+            change = tangent.solve(-residual)
+            if touching is not None:
+                change = jnp.where(touches, touching, change)
             if settings.max_turn is not None:
                 nodes = forces.nodes(stage.position)
                 turn = _largest_turn(nodes, forces.nodes(change), forces.axes)
@@ -300,17 +304,16 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
     *found, reused = solve(*primals)  # nothing that is differentiated needs the tangent
     correction, held, outcome = jax.tree.map(lambda x: checkpoint_name(x, SOLVED), found)
-    tangent = primals[0].tangent(correction)
+    tangent = primals[0].tangent(primals[0].motion(correction))
     t_correction, t_held = implicit_derivative(primals[0], tangents[0], correction, tangent)
     values = (correction, held, outcome, reused)
     return values, (t_correction, t_held, zero_tangents(outcome), zero_tangents(reused))
 
 
-@eqx.filter_jit
-def imbalance(balance: Balance, correction: Rows, settings: Settings) -> tuple[Rows, Outcome]:
-    """Return the residual of a correction, and the outcome by its size."""
+def imbalance(balance: Balance, motion: Motion, settings: Settings) -> tuple[Rows, Outcome]:
+    """Return the residual of a motion, and the outcome by its size."""
     forces = balance.forces
-    residual, largest = balance.residual(correction)
+    residual, largest = balance.residual(motion)
     scale = jnp.max(settings.weights * largest)
     lacking = jnp.abs(forces.unknown(residual, 1 / forces.reach))
     unbalanced = jnp.max(settings.weights * lacking, axis=1)
@@ -325,6 +328,11 @@ def imbalance(balance: Balance, correction: Rows, settings: Settings) -> tuple[R
         folded=jnp.asarray(False),
         error=jnp.zeros(()),
     )
+
+
+def _touches(balance: Balance, correction: Rows) -> Bool[Array, ""]:
+    """Return whether far parts of the arm are in contact."""
+    return balance.forces.touches(balance.motion(correction).position)
 
 
 def _largest_turn(position: Rows, change: Rows, axes: int) -> Float[Array, ""]:

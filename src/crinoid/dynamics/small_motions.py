@@ -53,7 +53,10 @@ class Influence(NamedTuple):
 def influence(base: Base, forces: Forces, state: State) -> Influence:
     """Return the influence of the inputs about ``state``, taken as still, under its ``forces``."""
     pose, _, _ = base.pose(state.time, state.servo)
-    held = jax.vmap(lambda rate: base.moving(pose, rate)[1], out_axes=-1)(jnp.eye(pose.size))
+    none = jnp.zeros_like(pose)
+    held = jax.vmap(lambda rate: base.moving(pose, rate, none).velocity, out_axes=-1)(
+        jnp.eye(pose.size)
+    )
     if state.attitude is not None:
         axes = forces.axes
         held = held.at[:, :axes].set(product(state.attitude, held[:, :axes]))

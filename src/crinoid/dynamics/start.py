@@ -24,17 +24,16 @@ from crinoid.rod.reference import Reference
 
 
 def with_prescribed_motion(
-    forces: Forces, base: Base, stage: StepMap, state: State, servo: ServoState, step: Array
+    forces: Forces, held: Prescribed | None, stage: StepMap, state: State, step: Array
 ) -> StepMap:
     """Return the stage with the prescribed motion of boundary nodes and obstacles set.
 
-    Nodes clamped on a floating vehicle are not prescribed. The stage is that of a step of given
-    length (s) from ``state``, with the servo at its end.
+    ``held`` is that of the base, None on a floating vehicle. The stage is that of a step of given
+    length (s) from ``state``.
     """
     rows: tuple[Array, ...] = (stage.position, stage.velocity, stage.acceleration)
     width = stage.position.shape[1]
-    if forces.mount is None:
-        held = base.prescribe(stage.time, servo)
+    if held is not None:
         position = held.position
         if held.frame is not None:
             frames = stage.frames
@@ -264,9 +263,9 @@ def _acceleration_jvp(primals: Any, tangents: Any) -> Any:
 
 
 def _one_step(balance: Balance) -> tuple[Rows, Float[Array, "held b"], Tangent]:
-    none = jnp.zeros_like(balance.stage.position)
-    residual, _ = balance.residual(none)
-    tangent = balance.tangent(none)
+    motion = balance.motion(jnp.zeros_like(balance.stage.position))
+    residual, _ = balance.residual(motion)
+    tangent = balance.tangent(motion)
     acceleration = tangent.solve(-residual)
     return acceleration, residual[:BOUNDARY_NODES] + tangent.on_held(acceleration), tangent
 

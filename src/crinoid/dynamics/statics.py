@@ -1,6 +1,8 @@
 """Static equilibrium at large deflections, by load steps and pseudo-transient continuation."""
 
-from typing import Any
+from dataclasses import replace
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.balance import Balance, implicit_derivative, zero_tangents
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.newton import ReusedTangent, Settings, imbalance, solve
+from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
@@ -91,25 +93,27 @@ def find(
     # between the softer bending stiffness and the sum of both
     mass, length = forces.mass, reference.length
     bending = forces.bending_stiffness(reference) / (mass * length**3)
-    _, loads = forces.residual(static_motion(forces, time, start, frames))
-    load = jnp.max(settings.weights * loads)
-    return equilibrium(
-        forces,
-        time,
-        start,
-        frames,
-        careful(forces, settings),
-        1e-3 * jnp.min(bending),
-        1e3 * (jnp.max(bending) + load * reference.nodes / (mass * length)),
-        jnp.asarray(follows),
+    rates = Rates(
+        1e-3 * jnp.min(bending), 1e3 * jnp.max(bending), 1e3 * reference.nodes / (mass * length)
     )
+    judged = careful(forces, settings)
+    return equilibrium(forces, time, start, frames, judged, rates, jnp.asarray(follows))
+
+
+class Rates(NamedTuple):
+    """Squared rates at which an arm can leave an equilibrium, by stiffness and loads over mass."""
+
+    slowest: Float[Array, ""]
+    """1/s2."""
+    stiffest: Float[Array, ""]
+    """Without loads (1/s2)."""
+    by_load: Float[Array, ""]
+    """In addition, per largest force of the loads (1/(N s2))."""
 
 
 class _Shape(eqx.Module):
     position: Rows
     frames: Frames | None
-    around: Surroundings
-    """The water where the arm is."""
 
 
 class _Continuation(eqx.Module):
@@ -124,7 +128,7 @@ class _Continuation(eqx.Module):
     loaded: Bool[Array, ""]
     """Whether the whole load is applied."""
     shift: Float[Array, ""]
-    """Viscosity of the medium, times the mass (1/s2)."""
+    """Viscosity of the medium, times the mass (1/s2); negative while the loads are unknown."""
     moved: Float[Array, ""]
     """Displacement of the last solve with this shift (m); negative before the first."""
     settled: Bool[Array, ""]
@@ -140,8 +144,7 @@ def equilibrium(
     start: Rows,
     frames: Frames | None,
     settings: Settings,
-    slowest_rate: Float[Array, ""],
-    fastest_rate: Float[Array, ""],
+    rates: Rates,
     follows: Bool[Array, ""],
 ) -> tuple[Rows, Frames | None, Outcome]:
     """Find a stable equilibrium of the forces at ``time``.
@@ -162,8 +165,7 @@ def equilibrium(
     Where the arm ``follows`` changing loads, it bears them all from the beginning: from ``start``
     it creeps through the viscous medium to the equilibrium that it reaches there.
 
-    ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
-    leave an equilibrium. Returns the positions (m; the first two as in ``start``, and those of the
+    Returns the positions (m; the first two as in ``start``, and those of the
     obstacles), in space the frames there, and the outcome: the balance in the water there, with all
     iterations counted. Positions and spins are differentiable as the solution of the balance.
     """
@@ -173,6 +175,7 @@ def equilibrium(
     reach = jnp.sum(jnp.sqrt(jnp.sum(edges**2, axis=1)))
     none = jnp.zeros_like(start)
     no_tangent = ReusedTangent.none(forces, start)
+    no_water = Surroundings.none(start.shape[0], forces.axes)
 
     def kick(position: Rows) -> Rows:
         chord = position[tip] - position[1]
@@ -202,24 +205,41 @@ def equilibrium(
         load_factor = jnp.minimum(1.0, search.load_factor + search.share)
         load_factor = jnp.where(search.loaded | last, 1.0, load_factor)
         bare = last | search.settled | ~search.loaded
-        stage = static_stage(time, shape.position, shape.frames, jnp.where(bare, 0.0, search.shift))
 
-        def outcome_at(around: Surroundings, correction: Rows) -> Outcome:
-            return imbalance(Balance(forces, around, stage, load_factor), correction, judged)[1]
+        def attempt(
+            trial: tuple[Rows, Surroundings, Array], solves: Bool[Array, ""]
+        ) -> tuple[tuple[Rows, Surroundings, Array], Outcome]:
+            # one solve with its residual and tangent, in one place: most of the program. Without
+            # iterations it judges
+            correction, around, shift = trial
+            medium = jnp.where(bare, 0.0, shift)
+            stage = static_stage(time, shape.position, shape.frames, medium)
+            around = jax.lax.cond(
+                solves, lambda: around, lambda: forces.surroundings(stage, correction)
+            )
+            most = jnp.where(solves, judged.max_iterations, 0)
+            correction, _, outcome, _ = solve(
+                Balance(forces, around, stage, load_factor),
+                correction,
+                replace(judged, max_iterations=most),
+                no_tangent,
+            )
+            fastest = rates.stiffest + rates.by_load * outcome.scale / load_factor
+            return (correction, around, jnp.where(shift < 0, fastest, shift)), outcome
 
-        here = Balance(forces, shape.around, stage, load_factor)
-        correction, _, solved, _ = solve(here, none, judged, no_tangent)
-        there = forces.surroundings(stage, correction)
-        both = jax.vmap(outcome_at)(*_stacked((shape.around, none), (there, correction)))
-        outcome = jax.tree.map(lambda x: x[1], both)
-        nearer = outcome.residual <= _NEARER * both.residual[0]
+        # judged in the water here, solved there, judged in the water where that leads
+        (correction, _, known_shift), outcomes = jax.lax.scan(
+            attempt, (none, no_water, search.shift), jnp.array([False, True, False])
+        )
+        before, solved, outcome = (jax.tree.map(itemgetter(k), outcomes) for k in range(3))
+        nearer = outcome.residual <= _NEARER * before.residual
         good = solved.converged & (outcome.converged | nearer)
         position = shape.position + correction
         frames = shape.frames
         if frames is not None:
             nodes = forces.nodes(position)
             frames = Frames.of(nodes, frames.at(nodes))
-        shape = _choose(good, _Shape(position, frames, there), shape)
+        shape = _choose(good, _Shape(position, frames), shape)
 
         share = jnp.where(good, 2.0, 0.5) * search.share
         bears_load = good & (load_factor >= 1.0)
@@ -231,15 +251,15 @@ def equilibrium(
         leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
         repeats = good & ((search.moved < 0) | leaving)
         fall = jnp.where(repeats, 1.0, jnp.where(good, _SHIFT_FALL, _SHIFT_RISE))
-        shift = jnp.where(search.loaded, fall * search.shift, search.shift)
+        shift = jnp.where(search.loaded, fall * known_shift, known_shift)
 
         # still moving after the allowed solves: give up, and return to the shape that first bore
         # the whole load
         wandering = good & (moved > _KICK * reach) & ~search.settled
         gives_up = search.bore_load & wandering & (search.solves >= _MAX_SOLVES)
-        # frames and water are those before the kick, which is small
+        # the frames are those before the kick, which is small
         kicked = shape.position + jnp.where(just_loaded, kick(shape.position), 0.0)
-        shape = _choose(gives_up, first_loaded, _Shape(kicked, shape.frames, shape.around))
+        shape = _choose(gives_up, first_loaded, _Shape(kicked, shape.frames))
         iterations = search.iterations + solved.iterations
         return _Continuation(
             shape=shape,
@@ -250,7 +270,7 @@ def equilibrium(
             loaded=loaded,
             shift=jnp.where(gives_up, 0.0, shift),
             moved=jnp.where(search.loaded & repeats, moved, -1.0),
-            settled=gives_up | (search.loaded & good & (shift < slowest_rate)),
+            settled=gives_up | (search.loaded & good & (shift < rates.slowest)),
             solves=search.solves + 1,
             iterations=iterations,
         ), eqx.tree_at(
@@ -260,9 +280,7 @@ def equilibrium(
             (solved.converged & outcome.converged & (search.settled | last), iterations),
         )
 
-    first = start + jnp.where(follows, kick(start), 0.0)
-    beginning = static_stage(time, first, frames)
-    shape = _Shape(first, frames, forces.surroundings(beginning, none))
+    shape = _Shape(start + jnp.where(follows, kick(start), 0.0), frames)
     no, nothing, zero = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
     search, outcome = jax.lax.while_loop(
         unfinished,
@@ -275,7 +293,7 @@ def equilibrium(
                 load_factor=jnp.where(follows, 1.0, 0.0),
                 share=zero + _FIRST_SHARE,
                 loaded=follows,
-                shift=fastest_rate,
+                shift=zero - 1,
                 moved=zero - 1,
                 settled=no,
                 solves=nothing,
@@ -304,17 +322,14 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     balance = Balance(forces, around, stage, jnp.ones(()))
     t_balance = Balance(t_forces, t_around, t_stage)
     none = jnp.zeros_like(start)
-    correction, _ = implicit_derivative(balance, t_balance, none, balance.tangent(none))
+    tangent = balance.tangent(balance.motion(none))
+    correction, _ = implicit_derivative(balance, t_balance, none, tangent)
     t_frames = jax.tree.map(jnp.zeros_like, frames)
     return (position, frames, outcome), (correction + held, t_frames, zero_tangents(outcome))
 
 
 def _choose(first: Bool[Array, ""], one: Any, other: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
-
-
-def _stacked(*trees: Any) -> Any:
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
 def _aside(chord: Float[Array, " b"], reach: Float[Array, ""], axes: int) -> Float[Array, " b"]:

@@ -158,11 +158,20 @@ class Tangent(eqx.Module):
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for the unknowns; the other rows are zero."""
-        return self._solve(rhs, self._solve_apart)
+        nodes, extra = self._layout.gather(rhs)
+        found = self._either(nodes, extra, lambda: self._solve_apart(nodes, extra))
+        return self._layout.scatter(*found, rhs.shape)
 
-    def solve_by(self, factors: TangentFactors, rhs: Rows) -> Rows:
-        """Solve by the factors of this tangent, as far as they serve."""
-        return self._solve(rhs, factors.matrix.solve)
+    def solve_touching(self, rhs: Rows) -> Rows | None:
+        """Solve if far parts touch, which is not in the factors, else return zeros.
+
+        None of an arm without such contact.
+        """
+        if self.far is None:
+            return None
+        nodes, extra = self._layout.gather(rhs)
+        found = self._either(nodes, extra, lambda: (jnp.zeros_like(nodes), jnp.zeros_like(extra)))
+        return self._layout.scatter(*found, rhs.shape)
 
     def factorise(self) -> TangentFactors:
         """Return the factors of the tangent, without contact of far parts."""
@@ -175,19 +184,19 @@ class Tangent(eqx.Module):
         """Whether far parts are in contact."""
         return jnp.asarray(False) if self.far is None else jnp.any(self.far != 0)
 
-    def _solve(self, rhs: Rows, apart: Callable[[Rows, Extra], tuple[Rows, Extra]]) -> Rows:
-        """Solve, by a function that serves while no far parts are in contact."""
-        layout, far = self._layout, self.far
-        nodes, extra = layout.gather(rhs)
+    def _either(
+        self, nodes: Rows, extra: Extra, apart: Callable[[], tuple[Rows, Extra]]
+    ) -> tuple[Rows, Extra]:
+        """Solve with contact of far parts, or by a function that serves while there is none."""
+        far = self.far
         if far is None:
-            return layout.scatter(*apart(nodes, extra), rhs.shape)
+            return apart()
 
         def whole() -> tuple[Rows, Extra]:
             both = jnp.linalg.solve(self._dense(far), _joined(nodes, extra))
             return _split(both, nodes.shape)
 
-        nodes, extra = jax.lax.cond(self.touches, whole, lambda: apart(nodes, extra))
-        return layout.scatter(nodes, extra, rhs.shape)
+        return jax.lax.cond(self.touches, whole, apart)
 
     def _solve_apart(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
         """Solve without contact of far parts."""

@@ -62,7 +62,8 @@ class TimeStepper(eqx.Module):
         forces = with_grip(forces.remembering(state.memory, h), grip)
         stage = method.stage(before, state.auxiliary_offset, h, state.frames)
         forces = start.with_mount(forces, self.base, stage.time, servo, state)
-        stage = with_prescribed_motion(forces, self.base, stage, state, servo, h)
+        held = None if forces.mount is not None else self.base.prescribe(stage.time, servo)
+        stage = with_prescribed_motion(forces, held, stage, state, h)
 
         def correction_for(acceleration: Rows) -> Rows:
             free = method.correction(acceleration, h)[BOUNDARY_NODES:]  # the others are prescribed
@@ -74,8 +75,7 @@ class TimeStepper(eqx.Module):
         if perturbation is not None:
             around = around.perturbed(perturbation)
         guess = correction_for(expected_acceleration(forces, state))
-        if forces.mount is None:
-            held = self.base.prescribe(stage.time, servo)
+        if held is not None:
             guess = first_guess(forces, held, stage, state, guess)
         correction, reaction, outcome, reused_tangent = solve(
             Balance(forces, around, stage), guess, self.settings, state.reused_tangent

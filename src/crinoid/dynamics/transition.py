@@ -137,7 +137,8 @@ class LocalCoordinates:
         forces = self._forces(servo, others).remembering(remembered, 0.0)
         one, zero = jnp.ones(()), jnp.zeros(())
         stage = StepMap(state.time, position, velocity, acceleration, one, zero, zero, state.frames)
-        stage = with_prescribed_motion(forces, system.base, stage, state, servo, zero)
+        held = None if forces.mount is not None else system.base.prescribe(state.time, servo)
+        stage = with_prescribed_motion(forces, held, stage, state, zero)
         none = jnp.zeros_like(position)
         moved = forces.motion(stage, none, forces.surroundings(stage, none))
         return State(

@@ -39,6 +39,12 @@ class Surroundings(eqx.Module):
     velocity_slope: Float[Array, "rows d d"]
     acceleration_slope: Float[Array, "rows d d"] | None = None
 
+    @staticmethod
+    def none(rows: int, axes: int) -> "Surroundings":
+        """Return still water."""
+        still, slope = jnp.zeros((rows, axes)), jnp.zeros((rows, axes, axes))
+        return Surroundings(still, still, still, slope, slope)
+
     def at(self, position: Rows) -> tuple[Points, Points]:
         """Return velocity and material acceleration near the positions."""
         moved = (position[:, : self.position.shape[1]] - self.position)[:, None, :]

@@ -78,14 +78,18 @@ class Motion(eqx.Module):
 
         With the first ``width`` coordinates, and the orientation of the edges if ``oriented``.
         """
+        parts = [rows[:, :width] for rows in (self.position, self.velocity, self.acceleration)]
+        parts += [self.flow_velocity, self.flow_acceleration]
+        if oriented and (edges := self.orientation) is not None:
+            parts += [edges.director, edges.twist[:, None], edges.lean]
+        # cut together: less to compile
+        sizes = [part.shape[1] for part in parts]
+        cut = jax.lax.split(taken := take(jnp.concatenate(parts, axis=1)), sizes, taken.ndim - 1)
+        orientation = Orientation(cut[5], cut[6][..., 0], cut[7]) if len(cut) > 5 else None
         return Motion(
-            take(self.position[:, :width]),
-            take(self.velocity[:, :width]),
-            take(self.acceleration[:, :width]),
-            take(self.flow_velocity),
-            take(self.flow_acceleration),
+            *cut[:5],
             jnp.broadcast_to(self.time, count),
-            jax.tree.map(take, self.orientation) if oriented else None,
+            orientation,
             *(
                 None if all_ is None else jnp.broadcast_to(all_, (*count, all_.size))
                 for all_ in (self.drive, self.line)

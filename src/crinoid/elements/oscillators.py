@@ -37,18 +37,18 @@ class Oscillation(NamedTuple):
 class Oscillator(eqx.Module):
     """Oscillator of the vortices at a place; ``harmonic`` times the frequency of shedding."""
 
-    harmonic: eqx.AbstractVar[int]
+    harmonic: eqx.AbstractVar[Scalar]
 
     @abstractmethod
     def start(self, angle: Scalar, at: Oscillation) -> Any:
         """Return the state at the start, from the phase of the signal (rad) and the motion."""
 
     @abstractmethod
-    def advance(self, state: Any, at: Oscillation, step: Scalar) -> Any:
+    def advance(self, state: Any, at: Oscillation, step: Float[Array, "..."]) -> Any:
         """Return the state after a step of given length (s), from the motion at its end."""
 
     @abstractmethod
-    def signal(self, state: Any, step: Scalar) -> Scalar:
+    def signal(self, state: Any, step: Float[Array, "..."]) -> Scalar:
         """Return the force over ``1/2 rho D U^2 C`` after a step, predicted from the state before.
 
         1 is the amplitude on a fixed cylinder. The prediction is of second order.
@@ -83,7 +83,7 @@ class Synchronisation(Oscillator):
     That of the flow is taken twice, which shifts no phase: one mean alone would by 2 degrees.
     """
 
-    harmonic: int = eqx.field(static=True)
+    harmonic: Scalar
     centre: Scalar
     """Frequency of shedding over ``U / D`` out of lock-in."""
     range: Scalar
@@ -97,7 +97,9 @@ class Synchronisation(Oscillator):
             angle, self._rate(angle, velocity, squares, at), flows, squares, squares
         )
 
-    def advance(self, state: Synchronised, at: Oscillation, step: Scalar) -> Synchronised:
+    def advance(
+        self, state: Synchronised, at: Oscillation, step: Float[Array, "..."]
+    ) -> Synchronised:
         left = jnp.exp(-step * self.harmonic * self.centre * at.shedding / _PERIODS)
 
         def mean(past: Array, before: Array, after: Array) -> Array:
@@ -115,7 +117,7 @@ class Synchronisation(Oscillator):
         rate = self._rate(angle, velocity, means, at)
         return Synchronised(angle, rate, flows, means, squares)
 
-    def signal(self, state: Synchronised, step: Scalar) -> Scalar:
+    def signal(self, state: Synchronised, step: Float[Array, "..."]) -> Scalar:
         return jnp.cos(state.angle + step * state.rate)
 
     def phase(self, state: Synchronised) -> Scalar:
@@ -164,7 +166,7 @@ class WakeOscillator(Oscillator):
     linear in between.
     """
 
-    harmonic: int = eqx.field(static=True)
+    harmonic: Scalar
     strouhal: Scalar
     """Frequency of shedding over ``U / D``."""
     coupling: Scalar
@@ -175,10 +177,12 @@ class WakeOscillator(Oscillator):
         turned = jnp.stack([jnp.cos(angle), -frequency * jnp.sin(angle)], axis=-1)
         return Wake(_FIRST_SIGNAL * turned, frequency, forcing)
 
-    def advance(self, state: Wake, at: Oscillation, step: Scalar) -> Wake:
+    def advance(self, state: Wake, at: Oscillation, step: Float[Array, "..."]) -> Wake:
         return self._advance(state, self._frequency(at), self._forcing(at), step)
 
-    def _advance(self, state: Wake, frequency: Scalar, forcing: Scalar, step: Scalar) -> Wake:
+    def _advance(
+        self, state: Wake, frequency: Scalar, forcing: Scalar, step: Float[Array, "..."]
+    ) -> Wake:
         def rate(share: float, variable: Array) -> Array:
             W = state.frequency + share * (frequency - state.frequency)
             force = state.forcing + share * (forcing - state.forcing)
@@ -193,7 +197,7 @@ class WakeOscillator(Oscillator):
         d = rate(1.0, y + h * c)
         return Wake(y + h / 6.0 * (a + 2.0 * (b + c) + d), frequency, forcing)
 
-    def signal(self, state: Wake, step: Scalar) -> Scalar:
+    def signal(self, state: Wake, step: Float[Array, "..."]) -> Scalar:
         after = self._advance(state, state.frequency, state.forcing, step)
         return 0.5 * after.variable[..., 0]
 

@@ -40,53 +40,80 @@ from crinoid.rod import Rod
 
 Vector = Float[Array, "3"]
 Matrix = Float[Array, "3 3"]
+OnEdges = Float[Array, "2 4"]
+
+_SIGN = np.array([[-1.0], [1.0]])
+"""Of the two edges of a node in their relative turn."""
+_CROSSED = np.cross(np.eye(3), np.eye(3)[:, None])
+"""Entries of the matrix of a vector product, by the vector."""
 
 
-class SpatialEdge(NamedTuple):
-    """Edge of a window and its motion."""
+class Edges(NamedTuple):
+    """The two edges of a window and their motion.
 
-    tangent: Vector
-    director: Vector
-    length: Float[Array, ""]
-    rate: Vector
+    Derivatives by an edge are those by the vector along it and by its spin.
+    """
+
+    tangent: Float[Array, "2 3"]
+    length: Float[Array, "2 1"]
+    """m."""
+    rate: Float[Array, "2 3"]
     """Rate of the vector from end to end, over its length (1/s)."""
-    spin_rate: Float[Array, ""]
+    spin_rate: Float[Array, "2 1"]
+    """rad/s."""
 
     @staticmethod
-    def of(motion: Motion, end: int) -> "SpatialEdge":
-        tangent, length = unit(motion.position[end, :3] - motion.position[end - 1, :3])
-        rate = (motion.velocity[end, :3] - motion.velocity[end - 1, :3]) / length
-        assert motion.orientation is not None
-        director = motion.orientation.director[end]
-        return SpatialEdge(tangent, director, length, rate, motion.velocity[end, 3])
+    def of(motion: Motion) -> "Edges":
+        vector, moving = (
+            rows[1:, :3] - rows[:-1, :3] for rows in (motion.position, motion.velocity)
+        )
+        tangent, length = jax.vmap(unit)(vector)
+        length = length[:, None]
+        return Edges(tangent, length, moving / length, motion.velocity[1:, 3:])
 
     @property
-    def angular_velocity(self) -> Vector:
-        return cross(self.tangent, self.rate) + self.spin_rate * self.tangent
+    def turning(self) -> Vector:
+        """Angular velocity of the second edge relative to the first (rad/s)."""
+        rates = cross(self.tangent, self.rate) + self.spin_rate * self.tangent
+        return rates[1] - rates[0]
 
-    def force(self, moment: Vector) -> Float[Array, "4"]:
-        """Return a moment as a force on the edge's vector (N) and a torque about it (N m)."""
-        return jnp.append(cross(moment, self.tangent) / self.length, dot(moment, self.tangent))
+    def forces(self, moment: Vector) -> OnEdges:
+        """Return what a moment does that the first edge takes and the second one gives.
 
-    def turning(self, lean: Vector) -> Float[Array, "3 4"]:
-        """Return d(rotation)/d(vector and spin)."""
-        swung = _crossing(self.tangent, np.eye(3)) + _outer(self.tangent, lean)
-        return jnp.concatenate([swung / self.length, self.tangent[:, None]], axis=1)
+        Forces on the edges' vectors (N) and torques about them (N m).
+        """
+        force, torque = cross(moment, self.tangent), dot(moment, self.tangent)[:, None]
+        return _SIGN * jnp.concatenate([force / self.length, torque], axis=1)
 
-    def force_slope(self, moment: Vector) -> Float[Array, "4 4"]:
-        """Return d(force)/d(vector and spin) at a fixed moment."""
-        swing = across(self.tangent) / self.length
-        pull = _outer(cross(moment, self.tangent), self.tangent) / self.length
-        force = (_crossing(moment, swing) - pull) / self.length
-        torque = jnp.sum(moment[:, None] * swing, axis=0)
-        return jnp.pad(jnp.concatenate([force, torque[None]]), ((0, 0), (0, 1)))
+    def turns(self, lean: Float[Array, "2 3"] | None = None) -> Float[Array, "2 3 4"]:
+        """Return the derivatives of the relative turn, at fixed directors or with a ``lean``."""
+        swung = _skew(self.tangent)
+        if lean is not None:
+            swung += _outer(self.tangent, lean)
+        swung /= self.length[..., None]
+        return _SIGN[..., None] * jnp.concatenate([swung, self.tangent[..., None]], axis=2)
 
-    def angular_velocity_slope(self) -> Float[Array, "3 4"]:
-        """Return d(angular velocity)/d(vector and spin) at fixed velocities."""
-        swing = across(self.tangent)
-        rate = self.spin_rate * swing - _crossing(self.rate, swing)
-        shrinking = _outer(cross(self.tangent, self.rate), self.tangent)
-        return jnp.pad((rate - shrinking) / self.length, ((0, 0), (0, 1)))
+    def force_slopes(self, moment: Vector) -> Float[Array, "2 4 4"]:
+        """Return the derivatives of the `forces` on each edge by itself at a fixed moment."""
+        length, swing = self.length[..., None], self.swing
+        pull = _outer(cross(moment, self.tangent), self.tangent) / length
+        force = (product(_skew(moment), swing) - pull) / length
+        torque = product(moment[None], swing)
+        slopes = jnp.concatenate([force, torque], axis=1)
+        return _SIGN[..., None] * jnp.pad(slopes, ((0, 0), (0, 0), (0, 1)))
+
+    def turning_slopes(self) -> Float[Array, "2 3 4"]:
+        """Return the derivatives of `turning` by each edge at fixed velocities."""
+        swing = self.length[..., None] * self.swing
+        changed = self.spin_rate[..., None] * swing - product(_skew(self.rate), swing)
+        changed -= _outer(cross(self.tangent, self.rate), self.tangent)
+        slopes = _SIGN[..., None] * changed / self.length[..., None]
+        return jnp.pad(slopes, ((0, 0), (0, 0), (0, 1)))
+
+    @property
+    def swing(self) -> Float[Array, "2 3 3"]:
+        """Derivatives of the tangents by the vectors along the edges."""
+        return (np.eye(3) - _outer(self.tangent, self.tangent)) / self.length[..., None]
 
 
 class NodeStrain(NamedTuple):
@@ -123,6 +150,10 @@ class NodeStrain(NamedTuple):
         """Return the rates of the strains, from the edges' relative angular velocity."""
         return product(self.axes, product(self.map, relative))
 
+    def moment(self, stresses: Vector) -> Vector:
+        """Return the moment of the stresses of the three strains (N m)."""
+        return product(self.map, product(stresses, self.axes))
+
     @property
     def map(self) -> Matrix:
         """``G``."""
@@ -137,8 +168,8 @@ class NodeStrain(NamedTuple):
         b_slope = (C**2 + 4.0 * C + 2.0) / (12.0 * C**2 * (C + 1.0) ** 2)
         along = dot(K, vector)
         by_stretch = (vector + 2.0 * dot(d, vector) * d) / 3.0 + b_slope * along * K
-        bending = C * (across(d) + self.share * _outer(K, K))  # dk/dw
-        turned = jnp.sum(vector[:, None] * bending, axis=0)
+        bending = C * (np.eye(3) - _outer(d, d) + self.share * _outer(K, K))  # dk/dw
+        turned = product(vector, bending)
         stretching = 0.25 * C * K  # dC/dw, as dC = k . dk / (4 C)
         return _outer(by_stretch, stretching) + b * (_outer(K, turned) + along * bending)
 
@@ -147,8 +178,8 @@ class NodeStrain(NamedTuple):
 
         By ``w``, and by the mean rotation of the edges, half of each edge's.
         """
-        steered = self.map_slope(stress) - _crossing(moment, self.turning)
-        return steered, -0.5 * _crossing(moment, np.eye(3))
+        across = _skew(moment)
+        return self.map_slope(stress) - product(across, self.turning), -0.5 * across
 
     @property
     def turning(self) -> Matrix:
@@ -214,59 +245,48 @@ class BendTwist(Linearised):
         return BendTwist(0, stiffness, rest, Material.of(rod, stiffness.shape[0]))
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = node_kinematics(motion)
-        moment = product(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
-        return on_nodes(-a.force(moment), b.force(moment))
+        edges, strain = node_kinematics(motion)
+        strained, rates = strain.strains - self.rest_strain, strain.rates(edges.turning)
+        stress = self.material.stress(strained, rates, self.memory, self.step)
+        return on_nodes(edges.forces(strain.moment(self.stiffness * stress)))
 
     def working(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = node_kinematics(motion)
-        strained = strain.strains - self.rest_strain
-        rates = strain.rates(b.angular_velocity - a.angular_velocity)
+        edges, strain = node_kinematics(motion)
+        strained, rates = strain.strains - self.rest_strain, strain.rates(edges.turning)
         stress = self.material.viscous_stress(strained, rates, self.memory, self.step)
-        moment = product(strain.map, self._directed(strain, stress))
-        return on_nodes(a.force(moment), -b.force(moment))
+        return -on_nodes(edges.forces(strain.moment(self.stiffness * stress)))
 
     def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
-        lean = motion.orientation.lean
-        a, b, strain = node_kinematics(motion)
-        relative = b.angular_velocity - a.angular_velocity
-        stress = self._stress(strain, relative)
-        G = strain.map
-        stiffness = jnp.sum(
-            self.stiffness[:, None, None] * strain.axes[:, :, None] * strain.axes[:, None, :],
-            axis=0,
-        )
+        edges, strain = node_kinematics(motion)
+        turning, G = edges.turning, strain.map
+        strained, rates = strain.strains - self.rest_strain, strain.rates(turning)
+        stresses = self.stiffness * self.material.stress(strained, rates, self.memory, self.step)
+        stress = product(stresses, strain.axes)
         moment = product(G, stress)
         # d(moment)/dw where the edges' mean does not turn, and d(moment)/d(relative velocity)
-        on_strain = product(G, stiffness)
+        on_strain = product(G, product(strain.axes.T * self.stiffness, strain.axes))
         damping_time = self.material.damping_time
         viscous = damping_time * product(on_strain, G)
-        rated = strain.map_slope(relative) + product(G, _crossing(relative, strain.turning))
+        rated = strain.map_slope(turning) + product(G, product(_skew(turning), strain.turning))
         steered, taken_along = strain.moment_slopes(stress, moment)
         slope = self.material.slope(self.memory, self.step)
         by_turn = steered + product(on_strain, slope * G + damping_time * rated)
         # fixed velocities rotate backward in the turned frame
-        by_mean = taken_along + 0.5 * cross(viscous, relative)
-
-        def followed(edge: SpatialEdge, end: int, by_turn: Matrix) -> Float[Array, "3 4"]:
-            velocity = direction.by_velocity * edge.turning(jnp.zeros(3))
-            velocity += direction.by_position * edge.angular_velocity_slope()
-            return direction.by_position * product(by_turn, edge.turning(lean[end])) + (
-                product(viscous, velocity)
-            )
-
-        still = jnp.zeros(3)
-        own = (-a.force_slope(moment), b.force_slope(moment))
+        by_mean = taken_along + 0.5 * product(viscous, _skew(turning))
+        turns = edges.turns()
+        velocity = direction.by_velocity * turns + direction.by_position * edges.turning_slopes()
+        swung = edges.turns(motion.orientation.lean[1:])
+        by_edge = product(by_turn + _SIGN[..., None] * by_mean, swung)
         return slopes_on_nodes(
-            (-a.turning(still).T, b.turning(still).T),
-            (-followed(a, 1, by_turn - by_mean), followed(b, 2, by_turn + by_mean)),
-            (direction.by_position * own[0], direction.by_position * own[1]),
+            turns,
+            direction.by_position * by_edge + product(viscous[None], velocity),
+            direction.by_position * edges.force_slopes(moment),
         )
 
     def strains(self, motion: Motion) -> Float[Array, "3"]:
         """Return the integrated strains ``kappa_1, kappa_2, tau`` (rad)."""
-        return node_kinematics(motion)[2].strains
+        return node_kinematics(motion)[1].strains
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strained = self.strains(motion) - self.rest_strain
@@ -280,57 +300,41 @@ class BendTwist(Linearised):
         strained = self.strains(motion) - self.rest_strain
         return self.material.advance(strained, self.memory, self.step)
 
-    def _stress(self, strain: NodeStrain, relative: Vector) -> Vector:
-        """Return the stress as a vector in space."""
-        strained, rates = strain.strains - self.rest_strain, strain.rates(relative)
-        stress = self.material.stress(strained, rates, self.memory, self.step)
-        return self._directed(strain, stress)
 
-    def _directed(self, strain: NodeStrain, strained: Vector) -> Vector:
-        return jnp.sum((self.stiffness * strained)[:, None] * strain.axes, axis=0)
-
-
-def node_kinematics(motion: Motion) -> tuple[SpatialEdge, SpatialEdge, NodeStrain]:
+def node_kinematics(motion: Motion) -> tuple[Edges, NodeStrain]:
     """Return the two edges of a window, and the strains of their node."""
     assert motion.orientation is not None
-    a, b = SpatialEdge.of(motion, 1), SpatialEdge.of(motion, 2)
-    twist = motion.orientation.twist[1]
-    return a, b, NodeStrain.of(a.tangent, b.tangent, a.director, twist)
+    edges, orientation = Edges.of(motion), motion.orientation
+    strain = NodeStrain.of(*edges.tangent, orientation.director[1], orientation.twist[1])
+    return edges, strain
 
 
-def on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[Array, "3 4 ..."]:
+def on_nodes(on_edges: Float[Array, "2 4 ..."]) -> Float[Array, "3 4 ..."]:
     """Distribute forces on the vectors of two edges, and torques about them, to their nodes."""
-    places = [-on_a[:3], on_a[:3] - on_b[:3], on_b[:3]]
-    spins = [jnp.zeros_like(on_a[3:]), on_a[3:], on_b[3:]]
-    return jnp.stack([jnp.concatenate(node) for node in zip(places, spins, strict=True)])
+    rest = [(0, 0)] * (on_edges.ndim - 1)
+    ahead = jnp.pad(on_edges[:, :3], ((0, 1), (0, 1), *rest[1:]))
+    return jnp.pad(on_edges, ((1, 0), *rest)) - ahead
 
 
 def slopes_on_nodes(
-    acts: tuple[Float[Array, "4 s"], Float[Array, "4 s"]],
-    followed: tuple[Float[Array, "s 4"], Float[Array, "s 4"]],
-    own: tuple[Float[Array, "4 4"], Float[Array, "4 4"]],
+    turns: Float[Array, "2 s 4"], followed: Float[Array, "2 s 4"], own: Float[Array, "2 4 4"]
 ) -> Float[Array, "3 4 3 4"]:
     """Return the Jacobian of the forces and torques of stresses on two edges.
 
-    ``acts`` has the force on each edge per unit of a stress, ``followed`` the derivatives of the
-    stresses by each edge, and ``own`` those of the forces at fixed stresses.
+    By each edge, ``turns`` has the derivatives of the stresses' strains, ``followed`` those of the
+    stresses, and ``own`` those of its forces at fixed stresses.
     """
-    blocks = [[product(act, by) for by in followed] for act in acts]
-    blocks[0][0] += own[0]
-    blocks[1][1] += own[1]
-    columns = [jnp.moveaxis(on_nodes(*pair), -1, 0) for pair in zip(*blocks, strict=True)]
-    return jnp.moveaxis(on_nodes(*columns), (0, 1), (2, 3))
+    acts, by = (jnp.moveaxis(each, 1, -1).reshape(8, -1) for each in (turns, followed))
+    blocks = product(acts, by.T).reshape(2, 4, 2, 4)
+    blocks += own[:, :, None] * np.eye(2)[:, None, :, None]
+    columns = jnp.moveaxis(on_nodes(blocks), (0, 1), (2, 3))
+    return jnp.moveaxis(on_nodes(columns), (0, 1), (2, 3))
 
 
-def _outer(a: Vector, b: Vector) -> Matrix:
-    return a[:, None] * b
+def _outer(a: Float[Array, "*edge 3"], b: Float[Array, "*edge 3"]) -> Float[Array, "*edge 3 3"]:
+    return a[..., :, None] * b[..., None, :]
 
 
-def across(tangent: Vector) -> Matrix:
-    """Return the projection normal to a unit vector."""
-    return jnp.eye(3) - _outer(tangent, tangent)
-
-
-def _crossing(vector: Vector, matrix: Matrix | np.ndarray) -> Matrix:
-    """Return the products of a vector and each column of a matrix."""
-    return cross(vector[:, None], jnp.asarray(matrix), axis=0)
+def _skew(vector: Float[Array, "*edge 3"]) -> Float[Array, "*edge 3 3"]:
+    """Return the matrix of the vector product with a vector."""
+    return jnp.sum(_CROSSED * vector[..., None, None, :], axis=-1)

@@ -25,9 +25,8 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Linearised, Motion, TangentDirection
 from crinoid.elements.spatial import (
+    Edges,
     NodeStrain,
-    SpatialEdge,
-    across,
     node_kinematics,
     on_nodes,
     slopes_on_nodes,
@@ -172,46 +171,35 @@ class Threads(Linearised):
         return mean * jnp.sum(each, axis=(0, 1)) / jnp.sum(reduced, axis=(0, 1))
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = node_kinematics(motion)
-        slope, _ = self._work(motion, strain.strains, a.length, b.length)
-        moment = product(slope[:3], product(strain.axes, strain.map))
-        pull = slope[3] * self.share
-        return on_nodes(
-            jnp.append(pull[0] * a.tangent, 0.0) - a.force(moment),
-            jnp.append(pull[1] * b.tangent, 0.0) + b.force(moment),
-        )
+        edges, strain = node_kinematics(motion)
+        slope, _ = self._work(motion, strain.strains, *edges.length[:, 0])
+        pulled = slope[3] * self.share[:, None] * edges.tangent
+        turned = edges.forces(strain.moment(slope[:3]))
+        return on_nodes(turned + jnp.pad(pulled, ((0, 0), (0, 1))))
 
     def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
-        a, b, strain = node_kinematics(motion)
-        slope, curvature = self._work(motion, strain.strains, a.length, b.length)
-        moment = product(slope[:3], product(strain.axes, strain.map))
-        turned = _turned(strain)
+        edges, strain = node_kinematics(motion)
+        slope, curvature = self._work(motion, strain.strains, *edges.length[:, 0])
+        stress = product(slope[:3], strain.axes)
+        moment, turned = product(strain.map, stress), _turned(strain)
         by_strain = product(turned.T, product(curvature, turned))
-        by_turn, by_mean = strain.moment_slopes(product(slope[:3], strain.axes), moment)
-
-        def own(edge: SpatialEdge, end: int) -> Float[Array, "4 4"]:
-            steered = slope[3] * self.share[end] / edge.length * across(edge.tangent)
-            return jnp.pad(steered, (0, 1)) + (2 * end - 1) * edge.force_slope(moment)
-
-        swung = self._swings(a, b, motion.orientation.lean)
-        by_a = product(by_strain + jnp.pad(by_turn - by_mean, (0, 1)), swung[0])
-        by_b = product(by_strain + jnp.pad(by_turn + by_mean, (0, 1)), swung[1])
-        acts = self._swings(a, b, jnp.zeros((3, 3)))
+        by_turn, by_mean = strain.moment_slopes(stress, moment)
+        steered = jnp.stack([by_turn - by_mean, by_turn + by_mean])
+        swung = self._swings(edges, motion.orientation.lean[1:])
+        pulled = slope[3] * self.share[:, None, None] * edges.swing
         return direction.by_position * slopes_on_nodes(
-            (acts[0].T, acts[1].T), (by_a, by_b), (own(a, 0), own(b, 1))
+            self._swings(edges),
+            product(by_strain + jnp.pad(steered, ((0, 0), (0, 1), (0, 1))), swung),
+            edges.force_slopes(moment) + jnp.pad(pulled, ((0, 0), (0, 1), (0, 1))),
         )
 
     def _swings(
-        self, a: SpatialEdge, b: SpatialEdge, lean: Float[Array, "3 3"]
-    ) -> tuple[Float[Array, "4 4"], Float[Array, "4 4"]]:
+        self, edges: Edges, lean: Float[Array, "2 3"] | None = None
+    ) -> Float[Array, "2 4 4"]:
         """Return the derivatives of the edges' relative turn, and of the length, by each edge."""
-        parts = []
-        for end, edge in enumerate((a, b)):
-            lengthened = jnp.append(self.share[end] * edge.tangent, 0.0)
-            turning = (2 * end - 1) * edge.turning(lean[end + 1])
-            parts.append(jnp.concatenate([turning, lengthened[None]]))
-        return parts[0], parts[1]
+        lengthened = jnp.pad(self.share[:, None] * edges.tangent, ((0, 0), (0, 1)))
+        return jnp.concatenate([edges.turns(lean), lengthened[:, None]], axis=1)
 
     def _work(
         self,
@@ -297,18 +285,17 @@ class Threads(Linearised):
         self, motion: Motion
     ) -> tuple[Float[Array, " s"], Float[Array, ""], Float[Array, ""]]:
         """Return the strains of the node, and the lengths of the edges before and behind it."""
-        a, b, strain = node_kinematics(motion)
-        return strain.strains, a.length, b.length
+        edges, strain = node_kinematics(motion)
+        return strain.strains, edges.length[0, 0], edges.length[1, 0]
 
     def measure_slope(self, motion: Motion) -> Float[Array, "line 3 b"]:
         """Return the derivative of `measure` by positions and spins."""
         assert motion.orientation is not None
-        a, b, strain = node_kinematics(motion)
-        _, _, slopes = self._lanes(strain.strains, a.length, b.length)
-        by_strain = product(self.hold.T, product(slopes, _turned(strain)))
-        ends = self._swings(a, b, motion.orientation.lean)
-        on_a, on_b = (product(by_strain, swung).T for swung in ends)
-        return jnp.moveaxis(on_nodes(on_a, on_b), -1, 0)
+        edges, strain = node_kinematics(motion)
+        _, _, slopes = self._lanes(strain.strains, *edges.length[:, 0])
+        by_turn = product(self.hold.T, product(slopes, _turned(strain)))
+        on_edges = product(by_turn[None], self._swings(edges, motion.orientation.lean[1:]))
+        return jnp.moveaxis(on_nodes(jnp.moveaxis(on_edges, 1, -1)), -1, 0)
 
     def _stiffened(self, motion: Motion) -> Float[Array, " way"]:
         """Return the bending stiffness that the drives add (N m)."""

@@ -59,8 +59,8 @@ class Vortices(Element):
     """Amplitude of the force over ``1/2 rho D U^2``, across and along the flow."""
     angles: Float[Array, "*count 2"]
     """Seeded angles of both oscillators at the start (rad)."""
-    oscillators: tuple[Oscillator, Oscillator]
-    """Across and along the flow."""
+    oscillator: Oscillator
+    """Both, across and along the flow, by the harmonic."""
     memory: Any = None
     step: Float[Array, "*count"] | None = None
     signals: Float[Array, "*count 2"] | None = None
@@ -73,9 +73,9 @@ class Vortices(Element):
         density: float | Array,
         coefficients: Float[Array, "2"],
         angles: Float[Array, "e 2"],
-        oscillators: tuple[Oscillator, Oscillator],
+        oscillator: Oscillator,
     ) -> "Vortices":
-        """Build the vortices of a rod; the numbers of the oscillators are scalars."""
+        """Build the vortices of a rod; the oscillator's numbers have two entries."""
         edges = rod.rest_length.shape
 
         def each(number: Array) -> Array:
@@ -88,15 +88,14 @@ class Vortices(Element):
             each(jnp.asarray(density, float)),
             each(coefficients),
             angles,
-            jax.tree.map(each, oscillators),
+            jax.tree.map(each, oscillator),
         )
 
     def remembering(self, memory: Any, step: Array | None) -> "Vortices":
         signals = None
         if memory is not None and step is not None:
-            pairs = zip(self.oscillators, memory, strict=True)
             # once a step and not in each iteration
-            signals = jnp.stack([each.signal(state, step) for each, state in pairs], axis=-1)
+            signals = self.oscillator.signal(memory, step[..., None])
         return replace(self, memory=memory, step=step, signals=signals)
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
@@ -106,27 +105,17 @@ class Vortices(Element):
         return -jnp.stack([half, half])
 
     def steady(self, motion: Motion) -> Any:
-        return tuple(
-            oscillator.start(angle, at)
-            for oscillator, angle, at in zip(
-                self.oscillators, self.angles, self._oscillations(motion), strict=True
-            )
-        )
+        return self.oscillator.start(self.angles, self._oscillation(motion))
 
     def advance(self, motion: Motion) -> Any:
         assert self.step is not None
-        return tuple(
-            oscillator.advance(state, at, self.step)
-            for oscillator, state, at in zip(
-                self.oscillators, self.memory, self._oscillations(motion), strict=True
-            )
-        )
+        return self.oscillator.advance(self.memory, self._oscillation(motion), self.step)
 
     def forces(self, motion: Motion) -> VortexForces:
         """Return force per length (N/m) and phase of the lift (rad) in a state, without a step."""
         directions, speed = self._directions(motion)
         shown = int(directions.shape[-1] == 2)
-        phase = self.oscillators[shown].phase(self.memory[shown])
+        phase = self.oscillator.phase(self.memory)[shown]
         return VortexForces(self._force(directions, speed), phase)
 
     def _force(
@@ -148,24 +137,16 @@ class Vortices(Element):
         aside = cross(tangent, downstream) if tangent.size == 3 else jnp.zeros(2)
         return jnp.stack([aside, downstream]), speed
 
-    def _oscillations(self, motion: Motion) -> list[Oscillation]:
+    def _oscillation(self, motion: Motion) -> Oscillation:
         """Return the oscillation across and along the flow."""
         directions, speed = self._directions(motion)
-        velocity, acceleration = (
-            0.5 * (ends[0] + ends[1])
-            for ends in (
-                motion.flow_velocity - motion.velocity,
-                motion.acceleration - motion.flow_acceleration,
-            )
+        flow = motion.flow_velocity - motion.velocity
+        acceleration = motion.acceleration - motion.flow_acceleration
+        return Oscillation(
+            speed / self.diameter,
+            speed,
+            self.diameter,
+            directions,
+            jnp.broadcast_to(0.5 * (flow[0] + flow[1]), directions.shape),
+            jnp.sum(directions * (0.5 * (acceleration[0] + acceleration[1])), axis=-1),
         )
-        return [
-            Oscillation(
-                speed / self.diameter,
-                speed,
-                self.diameter,
-                direction,
-                velocity,
-                jnp.sum(direction * acceleration),
-            )
-            for direction in directions
-        ]

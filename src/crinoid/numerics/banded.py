@@ -12,11 +12,13 @@ fewer dependent operations, but it unrolls into a program that grows with the lo
 this one is two short loops for any ``n``.
 """
 
+import functools
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.numerics.small_matrices import product
@@ -33,27 +35,24 @@ def gather(nodes: Float[Array, "n ..."], first: int, count: int, stencil: int) -
 
 def scatter(windows: Float[Array, "count k b"], first: int, num_nodes: int) -> Vectors:
     """Add windows back onto the nodes: the transpose of `gather`."""
-    _, stencil, size = windows.shape
-    return sum(
-        (_place(windows[:, i], first + i, num_nodes) for i in range(stencil)),
-        start=jnp.zeros((num_nodes, size), windows.dtype),
-    )
+    stencil = windows.shape[1]
+    rows = (_place(windows[:, i], (first + i,), (num_nodes,)) for i in range(stencil))
+    return functools.reduce(jnp.add, rows)
 
 
-def assemble(blocks: Iterable[tuple[int, Float[Array, "_ _ b _ b"]]], num_nodes: int) -> Bands:
-    """Add up the blocks of windows that start at the given nodes."""
-    diagonals: list[Array | None] = [None] * 5
+def assemble(
+    blocks: Iterable[tuple[int, Float[Array, "_ _ _ _ _"]]], num_nodes: int, size: int
+) -> Bands:
+    """Add up the blocks of windows that start at the given nodes, on the first unknowns of each."""
+    placed = []
     for first, block in blocks:
-        stencil, size = block.shape[1:3]
+        stencil = block.shape[1]
         if stencil > 3:
             raise ValueError(f"A window must span at most 3 nodes, got {stencil}.")
-        for i in range(stencil):
-            for j in range(stencil):
-                placed = _place(block[:, i, :, j], first + i, num_nodes)
-                sum_ = diagonals[j - i + 2]
-                diagonals[j - i + 2] = placed if sum_ is None else sum_ + placed
-    empty = jnp.zeros((num_nodes, size, size))
-    return jnp.stack([empty if d is None else d for d in diagonals], axis=1)
+        by_row = block.transpose(1, 0, 3, 2, 4)
+        shape = (num_nodes, 5, size, size)
+        placed += [_place(by_row[i], (first + i, 2 - i, 0, 0), shape) for i in range(stencil)]
+    return functools.reduce(jnp.add, placed)
 
 
 def matvec(bands: Bands, nodes: Float[Array, "n b *columns"]) -> Float[Array, "n b *columns"]:
@@ -204,7 +203,7 @@ def with_first_rows(first: Float[Array, "m b"], nodes: Vectors) -> Vectors:
 
 def pad_columns(rows: Float[Array, "n _"], width: int) -> Vectors:
     """Pad rows with columns of zeros up to a width."""
-    return jnp.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+    return _place(rows, (0, 0), (rows.shape[0], width))
 
 
 def _within(bands: Bands) -> Bands:
@@ -214,9 +213,12 @@ def _within(bands: Bands) -> Bands:
     return jnp.where(inside[..., None, None], bands, 0.0)
 
 
-def _place(rows: Array, first: int, num_nodes: int) -> Array:
-    margins = [(first, num_nodes - first - rows.shape[0])] + [(0, 0)] * (rows.ndim - 1)
-    return jnp.pad(rows, margins)
+def _place(part: Array, first: tuple[int, ...], shape: tuple[int, ...]) -> Array:
+    """Return an array of zeros with a part that starts at ``first`` along the leading axes."""
+    leading = zip(first, shape, part.shape, strict=False)
+    margins = [(start, whole - start - size, 0) for start, whole, size in leading]
+    margins += [(0, 0, 0)] * (part.ndim - len(margins))
+    return jax.lax.pad(part, np.zeros((), part.dtype), margins)
 
 
 def _ends(from_root: Array, from_tip: Array) -> Array:
@@ -230,6 +232,9 @@ def _inverse(block: Float[Array, "... m m"]) -> Float[Array, "... m m"]:
     size = block.shape[-1]
     if size == 1:
         return 1.0 / block
+    if size == 2:
+        adjugate = block[..., ::-1, ::-1].swapaxes(-1, -2) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        return adjugate / jnp.sum(block[..., 0, :] * adjugate[..., 0], axis=-1)[..., None, None]
     half = size // 2
     a, b = block[..., :half, :half], block[..., :half, half:]
     c, d = block[..., half:, :half], block[..., half:, half:]

@@ -25,15 +25,16 @@ def dot(a: Vectors, b: Vectors) -> Numbers:
     return jnp.sum(a * b, axis=-1)
 
 
-def cross(a: Array, b: Array, axis: int = -1) -> Array:
-    """Return the vector products of vectors in space, with components along an axis."""
+def cross(a: Array, b: Array) -> Array:
+    """Return the vector products of vectors in space."""
 
-    def following(vector: Array) -> Array:
-        """Permute ``x, y, z`` to ``y, z, x``."""
-        parts = [jax.lax.slice_in_dim(vector, *at, axis=axis) for at in ((1, 3), (0, 1))]
-        return jnp.concatenate(parts, axis=axis)
+    def cycled(vector: Array) -> tuple[Array, Array]:
+        """Permute ``x, y, z`` to ``y, z, x`` and to ``z, x, y``."""
+        twice = jnp.concatenate([vector, vector], axis=-1)
+        return twice[..., 1:4], twice[..., 2:5]
 
-    return following(a * following(b) - following(a) * b)
+    (a_1, a_2), (b_1, b_2) = cycled(a), cycled(b)
+    return a_1 * b_2 - a_2 * b_1
 
 
 def transport(vector: Vectors, before: Vectors, after: Vectors) -> Vectors:

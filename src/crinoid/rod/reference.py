@@ -5,10 +5,15 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.numerics.frames import rotated, sinc, transport
 from crinoid.numerics.small_matrices import product
+
+_ALONG = np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
+_SHARES = np.array([[1.0, 2.0, 0.0], [0.0, 2.0, 1.0]]) / 6
+"""Of both ends in a force at start, middle and end, by Simpson's rule."""
 
 
 class Reference(eqx.Module):
@@ -287,13 +292,12 @@ def at_ends(nodal: Float[Array, " n"]) -> Float[Array, "n-1 2"]:
 
 def along(ends: Float[Array, "2 ..."]) -> Float[Array, "3 ..."]:
     """Interpolate linearly: return the values at the start, the middle and the end."""
-    return jnp.stack([ends[0], 0.5 * (ends[0] + ends[1]), ends[1]])
+    return product(jnp.asarray(_ALONG), ends)
 
 
 def shared(force: Float[Array, "3 ..."]) -> Float[Array, "2 ..."]:
     """Return the share of each end in a force given at start, middle and end (Simpson)."""
-    middle = force[1] / 3
-    return jnp.stack([force[0] / 6 + middle, middle + force[2] / 6])
+    return product(jnp.asarray(_SHARES), force)
 
 
 def mass_matrices(mass: Float[Array, "edge 3"]) -> Float[Array, "edge 2 2"]:
