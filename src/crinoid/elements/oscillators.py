@@ -8,6 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Scalar = Float[Array, "*count"]
+Length = Float[Array, "..."]
+"""Of a step, the same for several oscillators (s)."""
 
 _PERIODS = 5.0
 """Shedding periods over which `Synchronisation` averages flow and motion of the arm."""
@@ -44,11 +46,11 @@ class Oscillator(eqx.Module):
         """Return the state at the start, from the phase of the signal (rad) and the motion."""
 
     @abstractmethod
-    def advance(self, state: Any, at: Oscillation, step: Float[Array, "..."]) -> Any:
+    def advance(self, state: Any, at: Oscillation, step: Length) -> Any:
         """Return the state after a step of given length (s), from the motion at its end."""
 
     @abstractmethod
-    def signal(self, state: Any, step: Float[Array, "..."]) -> Scalar:
+    def signal(self, state: Any, step: Length) -> Scalar:
         """Return the force over ``1/2 rho D U^2 C`` after a step, predicted from the state before.
 
         1 is the amplitude on a fixed cylinder. The prediction is of second order.
@@ -97,9 +99,7 @@ class Synchronisation(Oscillator):
             angle, self._rate(angle, velocity, squares, at), flows, squares, squares
         )
 
-    def advance(
-        self, state: Synchronised, at: Oscillation, step: Float[Array, "..."]
-    ) -> Synchronised:
+    def advance(self, state: Synchronised, at: Oscillation, step: Length) -> Synchronised:
         left = jnp.exp(-step * self.harmonic * self.centre * at.shedding / _PERIODS)
 
         def mean(past: Array, before: Array, after: Array) -> Array:
@@ -117,7 +117,7 @@ class Synchronisation(Oscillator):
         rate = self._rate(angle, velocity, means, at)
         return Synchronised(angle, rate, flows, means, squares)
 
-    def signal(self, state: Synchronised, step: Float[Array, "..."]) -> Scalar:
+    def signal(self, state: Synchronised, step: Length) -> Scalar:
         return jnp.cos(state.angle + step * state.rate)
 
     def phase(self, state: Synchronised) -> Scalar:
@@ -177,12 +177,10 @@ class WakeOscillator(Oscillator):
         turned = jnp.stack([jnp.cos(angle), -frequency * jnp.sin(angle)], axis=-1)
         return Wake(_FIRST_SIGNAL * turned, frequency, forcing)
 
-    def advance(self, state: Wake, at: Oscillation, step: Float[Array, "..."]) -> Wake:
+    def advance(self, state: Wake, at: Oscillation, step: Length) -> Wake:
         return self._advance(state, self._frequency(at), self._forcing(at), step)
 
-    def _advance(
-        self, state: Wake, frequency: Scalar, forcing: Scalar, step: Float[Array, "..."]
-    ) -> Wake:
+    def _advance(self, state: Wake, frequency: Scalar, forcing: Scalar, step: Length) -> Wake:
         def rate(share: float, variable: Array) -> Array:
             W = state.frequency + share * (frequency - state.frequency)
             force = state.forcing + share * (forcing - state.forcing)
@@ -197,7 +195,7 @@ class WakeOscillator(Oscillator):
         d = rate(1.0, y + h * c)
         return Wake(y + h / 6.0 * (a + 2.0 * (b + c) + d), frequency, forcing)
 
-    def signal(self, state: Wake, step: Float[Array, "..."]) -> Scalar:
+    def signal(self, state: Wake, step: Length) -> Scalar:
         after = self._advance(state, state.frequency, state.forcing, step)
         return 0.5 * after.variable[..., 0]
 
