@@ -22,7 +22,7 @@ from crinoid.cli.command import console, end, folder_for, one_line_errors, optio
 from crinoid.cli.display import new_table, say_notes, say_written
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted
-from crinoid.compilation import free_memory, keep_programs
+from crinoid.compilation import free_memory
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__, versions
@@ -80,7 +80,6 @@ def run_benchmarks(
         if (folder / BENCH).exists() and not force:
             text = f"{folder} contains benchmarks. Choose another folder, or use --force to "
             raise refusal("--out", f"{text}replace them.")
-        keep_programs()
         engines, missing = find_peers() if peers else ((), [])
         say_notes(missing)
         scope = (scope or Scope())._replace(peers=engines)

@@ -11,7 +11,6 @@ import xarray as xr
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.display import say_doubts
 from crinoid.cli.folder import check_own, claimed
-from crinoid.compilation import keep_programs
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.metrics import measures_of
@@ -65,11 +64,10 @@ def _written(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
 
 
 def require_one(scenario: Scenario, name: str) -> None:
-    """Require a scenario of one case for a command such as `"a tuning"`, and load programs."""
+    """Require a scenario of one case for a command such as `"a tuning"`."""
     if scenario.vary:
         text = f"{name} is of one case. Set its values with --set and leave out vary."
         raise refusal("vary", text)
-    keep_programs()
 
 
 @contextmanager

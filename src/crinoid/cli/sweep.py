@@ -31,7 +31,6 @@ from crinoid.cli.finding import checked_runs, page_in
 from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
-from crinoid.compilation import keep_programs
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
 from crinoid.results.metrics import CASES, measures_of
@@ -298,7 +297,6 @@ def estimate_sweep(plan: SweepDesign, options: WorkerOptions) -> None:
         pool = open_pool(options)
         workers = sum(pool.workers().values())
         pool.close()
-    keep_programs()
     with console.status("timing the first run"):
         _play(plan, 0.0)  # compiling does not count
         started = time.perf_counter()

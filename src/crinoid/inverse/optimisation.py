@@ -21,7 +21,7 @@ from crinoid.inverse.goal import Goal
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
 from crinoid.inverse.smooth_measures import SMOOTH
-from crinoid.inverse.threads import results, submit
+from crinoid.inverse.threads import results
 from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError, refusal
@@ -182,7 +182,7 @@ class Optimisation:
         with ThreadPoolExecutor(STARTS) as pool:
             try:
                 results(
-                    [submit(pool, self._descend, *each, scale) for each in enumerate(starts)],
+                    [pool.submit(self._descend, *each, scale) for each in enumerate(starts)],
                     self._poll,
                 )
             except BaseException:

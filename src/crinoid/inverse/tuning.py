@@ -31,7 +31,7 @@ from crinoid.inverse.gain_design import (
     tunable_numbers,
 )
 from crinoid.inverse.gain_search import GainTrial, StabilityConstraint, bounds, descend, nearest
-from crinoid.inverse.threads import results, submit
+from crinoid.inverse.threads import results
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Loop, closed_loop
@@ -141,10 +141,10 @@ class Tuning:
         with ThreadPoolExecutor(len(STARTS)) as pool:
             try:
                 starts = range(len(STARTS))
-                found = results([submit(pool, self._search, start) for start in starts], poll)
+                found = results([pool.submit(self._search, start) for start in starts], poll)
                 best = min(starts, key=lambda start: found[start][0])
                 if self._stability is not None and np.isfinite(found[best][0]):
-                    results([submit(pool, self._refine, best, found[best][1])], poll)
+                    results([pool.submit(self._refine, best, found[best][1])], poll)
             finally:
                 self._stopped.set()
 
@@ -240,7 +240,7 @@ class Tuning:
             found = cost(nominal, slopes, draw.loop, draw.state, self._weights, steps)
             return jax.tree.map(np.asarray, found)
 
-        futures = [submit(self._pool, run, draw) for draw in draws]
+        futures = [self._pool.submit(run, draw) for draw in draws]
 
         def poll() -> None:
             if stop():

@@ -24,7 +24,7 @@ from crinoid.scenario import Obstacle, Plane, Scenario, ScenarioError
 from crinoid.scenario.arm import Arm
 from crinoid.simulation.conclusion import start_failure
 from crinoid.simulation.loop import Loop
-from crinoid.simulation.setup import Setup, compile_ahead, set_up
+from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.comparison import controlled_by
 from crinoid.view.live.adjustable import AdjustableNumbers, LoopNumbers, adjusted_flows
 
@@ -260,7 +260,6 @@ class ControlledScenario(NamedTuple):
             return eqx.tree_at(lambda x: x.target, loop, target)
 
         prepared.check()
-        compile_ahead(prepared, 0, CAPACITY, shifted)
         setup = set_up(prepared)
         trouble = start_failure(scenario, setup.loop.system, setup.outcome)
         if trouble:
