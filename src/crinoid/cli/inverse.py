@@ -19,7 +19,7 @@ from crinoid.inverse.gain_design import tunable_numbers
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.tuning import HELD_OUT, MARGINS, Tuning
 from crinoid.inverse.unknowns import Unknowns
-from crinoid.scenario import ScenarioText, got, refusal
+from crinoid.scenario import ScenarioText, counted, got, refusal
 from crinoid.view.figures.style import DEGREES, si_unit
 
 _LITTLE = 0.9
@@ -51,13 +51,17 @@ def tune_controller(
                 tuning = Tuning(scenario, seeds, iterations, margin)
 
             def report(done: int, total: int, least: float) -> None:
-                reached = f"{done} of {total}, root of cost {1e3 * least**0.5:.3g} mm"
+                best = (
+                    f"root of cost {1e3 * least**0.5:.3g} mm" if np.isfinite(least) else "none yet"
+                )
+                reached = f"{done} of at most {total} trials, {best}"
                 bar.update(task, total=total, completed=done, description="tuning", reached=reached)
 
             interruption.has_some = lambda: bool(np.isfinite(tuning.least))
             tuning.run(report, interruption.stop)
             stopped = interruption.stop()
             if np.isfinite(tuning.least) and not stopped:
+                bar.update(task, description="comparing", reached="other draws, before and after")
                 tuning.hold_out(interruption.stop)
         stopped = interruption.stop()
         if not np.isfinite(tuning.least):
@@ -67,7 +71,7 @@ def tune_controller(
         files = found.save(data, {"tuned.toml": tuned})
         show(tuning_table(data, tuning.random), _tuning_notes(tuning, data), files)
     if stopped:
-        words = f"after {int(tuning.trials.sum())} trials; the best so far is saved"
+        words = f"after {counted(int(tuning.trials.sum()), 'trial')}; the best so far is saved"
         return f"{Status.INTERRUPTED} {words}"
     return ""
 
@@ -157,15 +161,16 @@ def identify_numbers(
                     search = Identification(scenario, keys, records)
 
                 def report(trials: int, cost: float) -> None:
-                    reached = f"{trials} trials, {cost**0.5:.4g} of the scatter left"
-                    bar.update(task, reached=reached)
+                    reached = f"trial {trials} of at most {search.total}"
+                    bar.update(task, reached=f"{reached}, {cost**0.5:.4g} of the scatter left")
 
+                interruption.has_some = lambda: search.found is not None
                 complete = search.run(report, interruption.stop)
             if search.failure:
                 return f"{search.failure} (with the numbers that the scenario gives)", FAILED
             if search.found is None:
                 return f"{Status.INTERRUPTED} before there was anything to save", FAILED
-            words = f"after {search.trials} trials; the best numbers so far are saved"
+            words = f"after {counted(search.trials, 'trial')}; the best numbers so far are saved"
             status = "" if complete else f"{Status.INTERRUPTED} {words}"
             unsure = "; ".join(f"{key}: {why}" for key, why in search.undetermined().items())
             if unsure and complete:

@@ -20,7 +20,7 @@ from crinoid.inverse.goal import Goal
 from crinoid.inverse.optimisation import Optimisation
 from crinoid.inverse.ranges import Ranges
 from crinoid.results.summary import SUMMARY_JSON
-from crinoid.scenario import ScenarioText, got, refusal
+from crinoid.scenario import ScenarioText, counted, got, refusal
 
 
 def optimise_numbers(
@@ -66,7 +66,7 @@ def optimise_numbers(
         missed = search.missed()
         status = Status.OK.value
         if stopped:
-            words = f"after {len(search.trials)} trials; the best so far is saved"
+            words = f"after {counted(len(search.trials), 'trial')}; the best so far is saved"
             status = f"{Status.INTERRUPTED} {words}"
         elif missed:
             status = f"no trial keeps all limits: {'; '.join(missed)}"

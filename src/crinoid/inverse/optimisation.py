@@ -132,6 +132,9 @@ class Optimisation:
         ):
             if not np.isfinite(values).all():
                 raise refusal(option, f"{name} is not a number in this run. Name another measure.")
+        start = self.ranges.start
+        if np.allclose([*self.ranges.values(start).values()], self.ranges.given):
+            self._keep(Trial(start, 0, self.given))  # what an early interruption saves
         if self.scenario.control.kind != "none" and self.scenario.control.compare:
             self.runs.settings["control.compare"] = False
             (alone,) = self.runs([self.scenario])
@@ -153,6 +156,8 @@ class Optimisation:
         scenarios = [self._scenario(point) for point in points]
         runs = self.runs(scenarios, self.seeds[:1])[..., 0]
         slopes = (runs[1:] - runs[0]).T / steps
+        if self._stop():  # compiling the derivatives takes long
+            raise StoppedError
         try:
             self._loops = [
                 SmoothLoop(self.scenario, self.ranges, seed, rest=self.rest) for seed in self.seeds
