@@ -29,6 +29,7 @@ from crinoid.foundation.version import __version__, versions
 from crinoid.scenario.errors import got, one_of, refusal
 from crinoid.simulation.batch import cores
 from crinoid.view.figures import style
+from crinoid.view.figures.units import length_unit, si_unit
 
 BENCH = "bench.json"
 
@@ -176,6 +177,4 @@ def shown(value: float, unit: str) -> str:
         return f"{value:.3g}"
     if unit == "1/s":
         return f"{value:,.0f} 1/s"
-    return (style.length_unit(abs(value)) if unit == "m" else style.si_unit(abs(value), unit)).text(
-        value
-    )
+    return (length_unit(abs(value)) if unit == "m" else si_unit(abs(value), unit)).text(value)

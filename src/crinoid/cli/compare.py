@@ -38,7 +38,7 @@ from crinoid.studies.comparison import (
 from crinoid.studies.statistics import Difference, Mean
 from crinoid.view.figures.controllers import speed_unit
 from crinoid.view.figures.measures import label_of, main_measures, mean_text, unit_for
-from crinoid.view.figures.style import Unit, largest, si_unit
+from crinoid.view.figures.units import Unit, largest, si_unit
 
 
 def kinds_of(text: str) -> list[str]:

@@ -20,7 +20,7 @@ from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.tuning import HELD_OUT, MARGINS, Tuning
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import ScenarioText, counted, got, refusal
-from crinoid.view.figures.style import DEGREES, si_unit
+from crinoid.view.figures.units import DEGREES, si_unit
 
 _LITTLE = 0.9
 """Tip error over that without control above which a tuning deserves a note."""

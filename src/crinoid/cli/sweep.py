@@ -48,7 +48,7 @@ from crinoid.studies.sweep import (
     run_batches,
 )
 from crinoid.view.figures.measures import head_of, main_measures, unit_for
-from crinoid.view.figures.style import length_unit
+from crinoid.view.figures.units import length_unit
 
 _MOST_TRIED = 1000
 """Values of a key that are tried before a sweep starts."""

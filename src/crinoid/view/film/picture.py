@@ -13,7 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from crinoid.scenario.errors import got, one_of, shown
-from crinoid.view.figures.style import INK, VERMILLION, round_down
+from crinoid.view.figures.style import INK, VERMILLION
+from crinoid.view.figures.units import round_down
 from crinoid.view.film.camera import (
     PRESETS,
     Camera,
