@@ -19,8 +19,9 @@ from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
 from crinoid.studies.sweep import SweepDesign
-from crinoid.view.figures import ReportError, write_page, write_report
+from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
+from crinoid.view.refusals import ReportError
 
 Content = str | Callable[[Path], object]
 """Text of a file, or a function that writes it."""

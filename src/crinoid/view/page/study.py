@@ -34,7 +34,8 @@ from crinoid.view.figures.study import (
 from crinoid.view.page import parts
 from crinoid.view.page.scene import SvgDrawing
 from crinoid.view.page.sweeps import view_of
-from crinoid.view.scene.data import ReportError, even_indices, in_space, is_spatial
+from crinoid.view.refusals import ReportError
+from crinoid.view.scene.data import even_indices, in_space, is_spatial
 from crinoid.view.scene.projection import OBLIQUE, SIDE
 
 MOST = 150  # most drawn arms: more are hard to distinguish and slow to read
