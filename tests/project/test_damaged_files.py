@@ -25,8 +25,8 @@ from crinoid.results.metrics import measured
 from crinoid.results.result import RESULT, Result, ResultError
 from crinoid.results.stream import Stream
 from crinoid.scenario import Scenario, ScenarioError, builtin_files, builtin_names, builtin_text
-from crinoid.studies.sweep import SweepDesign, SweepStore
-from crinoid.studies.sweep.store import PLAN, RunOutcome
+from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.studies.sweep.store import PLAN, RunOutcome, SweepStore
 from helpers.damage import other_bytes, other_dataset, other_document
 from helpers.made_results import made_result
 from helpers.measured import measured as playing

@@ -20,9 +20,16 @@ import crinoid
 from crinoid.results.metrics import measured, read_rows
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
-from crinoid.studies.sweep import SweepDesign, SweepStore, WorkerPoolError, engine, run_batches
-from crinoid.studies.sweep.engine import OtherVersionError, Work, perform
-from crinoid.studies.sweep.store import RunOutcome
+from crinoid.studies.sweep import engine
+from crinoid.studies.sweep.engine import (
+    OtherVersionError,
+    Work,
+    WorkerPoolError,
+    perform,
+    run_batches,
+)
+from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.studies.sweep.store import RunOutcome, SweepStore
 from crinoid.studies.sweep.workers import Cluster, Processes
 from helpers.command import call, one_line, refused, succeeded
 from helpers.signals import usual_signals

@@ -18,7 +18,7 @@ from crinoid.results.own_files import is_own
 from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
-from crinoid.studies.sweep import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
 from crinoid.view.refusals import ReportError

@@ -1,7 +1,6 @@
 """Tuning of a controller and identification of numbers: progress, the new scenario, a table."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from crinoid.inverse.gain_design import tunable_numbers
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.tuning import HELD_OUT, MARGINS, Tuning
 from crinoid.inverse.unknowns import Unknowns
-from crinoid.scenario import ScenarioText, counted, got, refusal
+from crinoid.scenario import ScenarioText, counted
 from crinoid.view.figures.units import DEGREES, si_unit
 
 _LITTLE = 0.9
@@ -34,11 +33,6 @@ def tune_controller(
     text: ScenarioText, seeds: int, iterations: int, margin: float, folder: Path, *, force: bool
 ) -> str:
     """Search, save and draw what was found, and sum it up; return what went wrong."""
-    if not 0 <= margin < 1:
-        raise refusal("--margin", got(margin, "be at least 0 (no margin) and below 1"))
-    for name, value in (("--seeds", seeds), ("--iterations", iterations)):
-        if value < 1:
-            raise refusal(name, got(value, "be at least 1"))
     scenario = text.scenario
     tunable_numbers(scenario)
     with (
@@ -143,14 +137,10 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
 
 
 def identify_numbers(
-    text: ScenarioText, record: Path, keys: Sequence[str], folder: Path, *, force: bool
+    text: ScenarioText, record: Path, unknowns: Unknowns, folder: Path, *, force: bool
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
-    if not keys:
-        hint = "Name keys of numbers, such as arm.youngs_modulus,water.drag_normal."
-        raise refusal("--of", f"got no key. {hint}")
     scenario = text.scenario
-    unknowns = Unknowns(scenario, keys)
     with finding(scenario, folder / IDENTIFICATION, "a record", force=force) as found:
         records = read_experiments(record, found.prepared, unknowns)
         with Interruption() as interruption:
@@ -158,7 +148,7 @@ def identify_numbers(
                 (task,) = bar.task_ids
                 bar.update(task, description="identifying", reached="compiling")
                 with solvable():
-                    search = Identification(scenario, keys, records)
+                    search = Identification(scenario, unknowns.keys, records)
 
                 def report(trials: int, cost: float) -> None:
                     reached = f"trial {trials} of at most {search.total}"

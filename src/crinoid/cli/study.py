@@ -42,7 +42,7 @@ from crinoid.results.metrics import (
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
-from crinoid.studies.sweep import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign
 
 _MOST_HELD = 20_000_000
 """Numbers that cases keep in memory at most from their check to their run."""

@@ -34,19 +34,13 @@ from crinoid.cli.seed_means import SeedTables
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
 from crinoid.results.metrics import CASES, measures_of
-from crinoid.scenario import counted, got, refusal, shown
+from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
 from crinoid.simulation.batch import cores
-from crinoid.studies.sweep import (
-    PLAN,
-    SweepDesign,
-    SweepStore,
-    WorkerPool,
-    WorkerPoolError,
-    has_zarr,
-    run_batches,
-)
+from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
+from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.studies.sweep.store import PLAN, SweepStore, has_zarr
 from crinoid.view.figures.measures import head_of, main_measures, unit_for
 from crinoid.view.figures.units import length_unit
 
@@ -68,14 +62,6 @@ class WorkerOptions(NamedTuple):
 
     workers: int | None
     scheduler: str | None
-
-    def check(self) -> None:
-        """Refuse impossible options."""
-        if self.workers is not None and self.scheduler is not None:
-            text = "excludes --scheduler. Leave it out; the scheduler has its own workers."
-            raise refusal("--workers", text)
-        if self.workers is not None and self.workers < 1:
-            raise refusal("--workers", got(self.workers, "be at least 1"))
 
     @property
     def number(self) -> int:
