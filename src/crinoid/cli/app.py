@@ -98,10 +98,10 @@ def run(
             stop("--case: excludes SCENARIO and --set. Leave them out; the sweep has them.")
         with Loading():
             from crinoid.scenario.errors import got
-            from crinoid.studies.sweep.store import SweepStore
+            from crinoid.studies.sweep.plan import read_plan
 
         place, number = case
-        plan = SweepStore(place).read_plan()
+        plan = read_plan(place)
         if not 1 <= number <= plan.runs:
             stop(f"--case: {got(number, f'be a run from 1 to {plan.runs}')}")
         described = plan.case(number)

@@ -39,8 +39,8 @@ from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
 from crinoid.simulation.batch import cores
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
-from crinoid.studies.sweep.plan import SweepDesign
-from crinoid.studies.sweep.store import PLAN, SweepStore, has_zarr
+from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
+from crinoid.studies.sweep.store import SweepStore, has_zarr
 from crinoid.view.figures.measures import head_of, main_measures, unit_for
 from crinoid.view.figures.units import length_unit
 
@@ -105,7 +105,7 @@ def run_sweep(
     there = store.files()
     known = resume and PLAN in there
     if known:
-        earlier = store.read_plan()
+        earlier = read_plan(folder)
         asked = (plan if sized else replace(plan, batch=earlier.batch)).to_dict()
         differing = [key for key, value in earlier.to_dict().items() if value != asked[key]]
         if differing:

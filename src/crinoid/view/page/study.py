@@ -18,9 +18,8 @@ from crinoid.results.own_files import is_own
 from crinoid.results.result import attributes
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
-from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign, read_plan
 from crinoid.studies.sweep.sampling import Index, indices_of
-from crinoid.studies.sweep.store import SweepStore
 from crinoid.view.figures.run import open_result
 from crinoid.view.figures.study import (
     MOST_KEYS,
@@ -110,7 +109,7 @@ def registry_of(source: Path, cases: Sequence[Case]) -> dict[str, Measure]:
 def _plan_of(folder: Path, runs: int) -> SweepDesign | None:
     """Return the design of a sweep with that number of runs, if the folder contains one."""
     try:
-        plan = SweepStore(folder).read_plan()
+        plan = read_plan(folder)
     except (OSError, ScenarioError):
         return None
     return plan if plan.runs == runs else None
