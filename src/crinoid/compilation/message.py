@@ -17,7 +17,6 @@ _SOON = 1.0
 """Time after which a compilation that was long the last time is reported (s)."""
 _TIMES = "times.json"
 _LOGGER = logging.getLogger(__name__)
-_lock = threading.Lock()
 _subject = "the arm"
 _spent: defaultdict[str, float] = defaultdict(float)
 """Compile time of each subject in this process (s)."""
@@ -33,7 +32,9 @@ def about(subject: str) -> None:
 @contextmanager
 def reported(folder: Path) -> Iterator[None]:
     """Report a compilation if it is long, once for each subject, and save its time in a folder."""
-    subject, times = _subject, _read(folder / _TIMES)
+    subject, times = _subject, dict[str, float]()
+    with suppress(OSError, ValueError, TypeError):  # none, or a damaged one
+        times = dict(json.loads((folder / _TIMES).read_text("utf-8")))
     last = times.get(subject, 0.0)
     wait = _SOON if last > _LONG else max(_SOON, _LONG - _spent[subject])
     timer = threading.Timer(wait, _say, [subject, last])
@@ -44,26 +45,15 @@ def reported(folder: Path) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-        with _lock:
-            _spent[subject] += time.perf_counter() - start
-            total = round(_spent[subject], 1)
-        if total > _LONG:
+        _spent[subject] += time.perf_counter() - start
+        if _spent[subject] > _LONG:
+            times[subject] = round(_spent[subject], 1)
             with suppress(OSError), atomic_write(folder / _TIMES, private=True) as temporary:
-                temporary.write_text(json.dumps(times | {subject: total}), "utf-8")
+                temporary.write_text(json.dumps(times), "utf-8")
 
 
 def _say(subject: str, last: float) -> None:
-    with _lock:
-        new = subject not in _said
+    if subject not in _said:
         _said.add(subject)
-    if new:
         before = f"; {last:.0f} s last time" if last else ""
         _LOGGER.warning(f"crinoid: compiling {subject} (once for this kind of arm{before})")
-
-
-def _read(path: Path) -> dict[str, float]:
-    try:
-        found = json.loads(path.read_text("utf-8"))
-        return {str(subject): float(seconds) for subject, seconds in found.items()}
-    except (OSError, ValueError, TypeError, AttributeError):
-        return {}

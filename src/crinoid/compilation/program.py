@@ -92,16 +92,13 @@ def _without_jax_cache() -> Iterator[None]:
         yield
         return
     with _building:
-        _enable_jax_cache(False)
+        jax.config.update("jax_enable_compilation_cache", False)
+        compilation_cache.reset_cache()  # else the change has no effect
         try:
             yield
         finally:
-            _enable_jax_cache(True)
-
-
-def _enable_jax_cache(enabled: bool) -> None:
-    jax.config.update("jax_enable_compilation_cache", enabled)
-    compilation_cache.reset_cache()  # else the change has no effect
+            jax.config.update("jax_enable_compilation_cache", True)
+            compilation_cache.reset_cache()
 
 
 class Program(Generic[P, R]):
@@ -115,8 +112,7 @@ class Program(Generic[P, R]):
         self.function = function
         """The function itself, for callers that compile it as part of their own."""
         self._options = options
-        passed = {"compiler_options": options} if options else {}
-        self._plain = eqx.filter_jit(function, **passed)  # type: ignore[call-overload]
+        self._plain = eqx.filter_jit(function, compiler_options=options)  # type: ignore[call-overload]
         self._loaded: OrderedDict[Any, _Loaded] = OrderedDict()
         self._lock = threading.Lock()
         _PROGRAMS.add(self)
@@ -152,13 +148,21 @@ class Program(Generic[P, R]):
             return found
         with reported(store.folder):
             lowered, result = self._lower(leaves, tree)
+            known = key is not None
             if key is None:  # the operations tell what classes of the user do
                 text = lowered.as_text()
                 if "callback" in text:
                     return _Loaded(None, [], None)
                 key = key_of_operations(text, options, around)
-                return self._build(store, key, lowered, result, None, count)
-            return self._build(store, key, lowered, result, result, count)
+            with store.claim(key):
+                if found := _load(store, key, count, result):  # of another process, meanwhile
+                    return found
+                with _without_jax_cache():
+                    run = lowered.compile(compiler_options=self._options)
+                with suppress(Exception):  # it still serves this process
+                    code, _, _ = serialize_executable.serialize(run)
+                    store.write(key, pickle.dumps((code, result if known else None)))
+        return _Loaded(run, *jax.tree.flatten(result))
 
     def _lower(self, leaves: list[Any], tree: Any) -> tuple[Any, Any]:
         """Return the input of XLA, and the result with slots for arrays."""
@@ -178,21 +182,6 @@ class Program(Generic[P, R]):
         flat.__name__ = self.function.__name__  # for profiles
         lowered = jax.jit(flat).lower(*filter(_is_array, leaves))
         return lowered, results[-1]
-
-    def _build(
-        self, store: Store, key: bytes, lowered: Any, result: Any, saved: Any, count: int
-    ) -> _Loaded:
-        with store.claim(key):
-            # another process may have compiled it meanwhile
-            if found := _load(store, key, count, result):
-                return found
-            with _without_jax_cache():
-                run = lowered.compile(compiler_options=self._options)
-            unserialisable = AttributeError, NotImplementedError, TypeError, ValueError
-            with suppress(*unserialisable, pickle.PicklingError):  # it still serves this process
-                code, _, _ = serialize_executable.serialize(run)
-                store.write(key, pickle.dumps((code, saved)))
-        return _Loaded(run, *jax.tree.flatten(result))
 
 
 def _load(store: Store, key: bytes, count: int, result: Any = None) -> _Loaded | None:
@@ -235,9 +224,14 @@ def _is_observed() -> bool:
 
 
 def make_room() -> None:
-    """Free compiled code if it uses half of the memory maps."""
-    if _crowded():
-        free_memory()
+    """Free compiled code if it uses half of the memory maps that Linux grants a process.
+
+    A program needs some; a process without any left crashes. Other systems have no such limit.
+    """
+    with suppress(OSError):
+        most = int(Path("/proc/sys/vm/max_map_count").read_text())
+        if 2 * Path("/proc/self/maps").read_bytes().count(b"\n") > most:
+            free_memory()
 
 
 def free_memory() -> None:
@@ -252,15 +246,3 @@ def free_memory() -> None:
     gc.collect()
     with suppress(AttributeError, OSError, TypeError):  # another library
         ctypes.CDLL(None).malloc_trim(0)
-
-
-def _crowded() -> bool:
-    """Return whether half of the memory maps that Linux grants a process are in use.
-
-    A program needs some; a process without any left crashes. Other systems have no such limit.
-    """
-    try:
-        most = int(Path("/proc/sys/vm/max_map_count").read_text())
-        return 2 * Path("/proc/self/maps").read_bytes().count(b"\n") > most
-    except OSError:
-        return False

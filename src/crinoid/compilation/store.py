@@ -70,21 +70,13 @@ def key_of(
     """Return the key of a compiled program: a digest of all that its code depends on.
 
     That is the source of crinoid, the versions of the packages below it, the processor, the
-    settings of JAX and XLA, the options of XLA, and the arguments except the numbers in arrays.
-
-    Parameters
-    ----------
-    function, options
-        The function and the options of XLA.
-    tree, form
-        Structure of the arguments; for each leaf its kind if it is an array, else its type and
-        value, as 1 equals 1.0 and True.
-    around
-        `settings`.
+    settings of JAX and XLA (``around``), the options of XLA, and the arguments except the numbers
+    in arrays. Their ``form`` has the kind of each leaf that is an array, and of others the type and
+    the value, as 1 equals 1.0 and True.
     """
     if not _is_sound(function):
         raise UncacheableError
-    leaves = [each[1] if isinstance(each, tuple) else Slot(_words(each)) for each in form]
+    leaves = [each[1] if isinstance(each, tuple) else Slot(repr(each)) for each in form]
     text = io.BytesIO()
     try:
         name = f"{function.__module__}.{function.__qualname__}"
@@ -120,10 +112,6 @@ class _Pickler(pickle.Pickler):
             raise UncacheableError
 
 
-def _words(kind: Any) -> str:
-    return f"{kind.dtype}{kind.shape}{'*' if kind.weak_type else ''}"
-
-
 @functools.cache
 def _names() -> tuple[str, ...]:
     """Return the names of the JAX settings that may change a program."""
@@ -156,8 +144,7 @@ def _sources() -> bytes:
 def _processor() -> list[str]:
     """Return the features of the processor, or the name of the machine if they are unknown."""
     try:
-        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
-            first = file.read(1 << 14).partition("\n\n")[0]
+        first = Path("/proc/cpuinfo").read_text("utf-8", "replace").partition("\n\n")[0]
     except OSError:
         first = ""
     lines = [line for line in first.splitlines() if line.startswith(_CPU)]
@@ -172,6 +159,7 @@ _DIGEST = 32
 """Bytes of a digest."""
 
 
+@dataclass(frozen=True)
 class Store:
     """Folder of files by keys.
 
@@ -179,8 +167,7 @@ class Store:
     to another user or is open to others, and a damaged, truncated or misplaced file is ignored.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    folder: Path
 
     def read(self, key: bytes) -> bytes | None:
         """Return the content under a key, None if there is none that can be trusted."""
@@ -227,17 +214,13 @@ class Store:
 
     def _make_room(self) -> None:
         """Delete the least recently used files, but never the last one."""
-        found = []
-        for path in self.folder.iterdir():
-            with suppress(OSError):  # another process may have removed it
-                status = path.stat()
-                found.append((status.st_mtime, status.st_size, path))
-        size = sum(each for _, each, _ in found)
-        for _, each, path in sorted(found)[:-1]:
-            if size > _MOST_BYTES:
-                with suppress(OSError):
+        size = 0
+        with suppress(OSError):  # another process may have removed one
+            found = [(path.stat(), path) for path in self.folder.iterdir()]
+            for status, path in sorted(found, key=lambda each: -each[0].st_mtime):
+                size += status.st_size
+                if size > _MOST_BYTES and size > status.st_size:
                     path.unlink()
-                size -= each
 
 
 @functools.cache
