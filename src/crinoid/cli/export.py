@@ -1,14 +1,16 @@
 """Export of a result or a policy: options of each format, and progress."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 from crinoid.cli.command import at_least, folder_for, load_scenario
 from crinoid.cli.interruption import Loading
 from crinoid.scenario.errors import Mistake, ScenarioError, got, one_of, refusal
 from crinoid.view.refusals import EXPORTS, require_path
+
+_TABLES = ("csv", "xlsx")
 
 
 def export_result(
@@ -30,7 +32,7 @@ def export_result(
     if instants is not None and kind == "onnx":
         raise refusal("--instants", f"needs a result. Leave it out with --to {kind}.")
     for option, value in {"--variables": variables, "--nodes": nodes}.items():
-        if value is not None and kind not in ("csv", "xlsx"):
+        if value is not None and kind not in _TABLES:
             raise refusal(option, f"needs --to csv or xlsx. Leave it out with --to {kind}.")
     if out is not None and out.exists() and not out.is_dir():
         raise refusal("--out", f"{out} is a file; must be a folder")
@@ -49,15 +51,6 @@ def export_result(
 
     path = find_policy(result) if kind == "onnx" else find_result(result)
     folder = path.parent if out is None else out
-    writers: dict[str, Callable[..., export.Written]] = {
-        "csv": partial(export.write_csv, variables=names, nodes=numbers),
-        "xlsx": partial(export.write_xlsx, variables=names, nodes=numbers),
-        "vtkhdf": export.write_vtkhdf,
-        "gltf": export.write_gltf,
-        "mcap": export.write_mcap,
-        "usd": export.write_usd,
-        "onnx": lambda path, folder, **_: export.write_onnx(path, folder),
-    }
     with claimed(folder):
         for file in [] if force else files_of(folder, path.stem, kind):
             check_own(file)
@@ -71,7 +64,11 @@ def export_result(
                     task, description="writing", total=count, completed=done, reached=reached
                 )
 
-            written = writers[kind](path, folder, instants=instants, report=report)
+            options: dict[str, Any] = {"instants": instants, "report": report}
+            if kind in _TABLES:
+                options |= {"variables": names, "nodes": numbers}
+            write = getattr(export, f"write_{kind}")
+            written = write(path, folder, **({} if kind == "onnx" else options))
     say_notes(written.notes)
     say_written(written.files)
 
