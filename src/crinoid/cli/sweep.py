@@ -204,7 +204,8 @@ def _run(
     def report(saved: int) -> None:
         if bar.tasks[0].total is None:  # the time left is that of the present runs
             bar.reset(task, total=plan.runs, completed=saved, description="sweep")
-        bar.update(task, completed=saved, reached=f"{saved} of {plan.runs} runs")
+        reached = f"{saved} of {plan.runs} runs{'' if saved else ', compiling first'}"
+        bar.update(task, completed=saved, reached=reached)
 
     try:
         return run_batches(plan, store, pool, done, report, stop, lambda text: say_notes([text]))

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import multiprocessing
 import threading
 import time
 from collections import defaultdict
@@ -53,7 +54,8 @@ def reported(folder: Path) -> Iterator[None]:
 
 
 def _say(subject: str, last: float) -> None:
-    if subject not in _said:
+    # a worker leaves it to the sweep that started it
+    if subject not in _said and multiprocessing.parent_process() is None:
         _said.add(subject)
         before = f"; {last:.0f} s last time" if last else ""
         _LOGGER.warning(f"crinoid: compiling {subject} (once for this kind of arm{before})")
