@@ -22,13 +22,14 @@ from crinoid.cli.command import console, end, folder_for, one_line_errors, optio
 from crinoid.cli.display import new_table, say_notes, say_written
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted
-from crinoid.compilation import free_memory, keep_programs
+from crinoid.compilation import free_memory
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__, versions
 from crinoid.scenario.errors import got, one_of, refusal
 from crinoid.simulation.batch import cores
 from crinoid.view.figures import style
+from crinoid.view.figures.units import length_unit, si_unit
 
 BENCH = "bench.json"
 
@@ -80,7 +81,6 @@ def run_benchmarks(
         if (folder / BENCH).exists() and not force:
             text = f"{folder} contains benchmarks. Choose another folder, or use --force to "
             raise refusal("--out", f"{text}replace them.")
-        keep_programs()
         engines, missing = find_peers() if peers else ((), [])
         say_notes(missing)
         scope = (scope or Scope())._replace(peers=engines)
@@ -177,6 +177,4 @@ def shown(value: float, unit: str) -> str:
         return f"{value:.3g}"
     if unit == "1/s":
         return f"{value:,.0f} 1/s"
-    return (style.length_unit(abs(value)) if unit == "m" else style.si_unit(abs(value), unit)).text(
-        value
-    )
+    return (length_unit(abs(value)) if unit == "m" else si_unit(abs(value), unit)).text(value)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from crinoid.view.figures import style
+from crinoid.view.figures.units import Unit, si_unit
 
 Row = dict[str, Any]
 
@@ -72,7 +73,7 @@ def _bars(axes: Axes, quantity: str, rows: Sequence[Row]) -> None:
         np.array([row[key] for row in rows]) for key in ("median", "least", "most")
     )
     unit = rows[0]["unit"]
-    scale = style.Unit(1.0, unit) if unit == "1/s" else style.si_unit(float(median.max()), unit)
+    scale = Unit(1.0, unit) if unit == "1/s" else si_unit(float(median.max()), unit)
     places = np.arange(len(rows))
     axes.barh(places, median * scale.factor, height=0.65, color=style.BLUE, alpha=0.75)
     ends = np.stack([median - least, most - median]) * scale.factor

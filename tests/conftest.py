@@ -212,13 +212,12 @@ _MOST_BYTES = 2_000_000_000
 
 @pytest.fixture(autouse=True, scope="module")
 def _programs() -> Iterator[None]:
-    """Share programs among all tests; let go of memory, and of programs if nothing else will do.
+    """Let go of memory after a file, and of programs if nothing else will do.
 
     Most of it is what compiling took: free, but kept for what comes next.
     """
-    from crinoid.compilation import free_memory, keep_programs
+    from crinoid.compilation import free_memory
 
-    keep_programs()
     yield
     if _resident() > _MOST_BYTES:
         _hand_back()

@@ -20,7 +20,6 @@ from crinoid.cli.command import (
 from crinoid.cli.display import listed, new_table, progress_bar, say_notes, show
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
-from crinoid.compilation import keep_programs
 from crinoid.foundation.status import Status
 from crinoid.scenario import got, one_of, refusal
 from validation.attempt import VALIDATION, Attempt, attempt, clear_record, write_record
@@ -81,7 +80,6 @@ def list_cases(cases: Sequence[Case]) -> None:
 
 def validate_cases(cases: Sequence[Case], folder: Path, *, force: bool) -> str:
     """Run cases, and save and show them; return what does not hold or went wrong."""
-    keep_programs()
     attempts: list[Attempt] = []
     with claimed(folder), Interruption() as interruption:
         if (folder / VALIDATION).exists() and not force:

@@ -1,4 +1,7 @@
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -40,6 +43,58 @@ def test_a_mistake_gets_one_line_exit_2_and_nothing_written(here, arguments, ans
     assert answer in one_line(ended)
     assert ended.stdout == ""
     assert sorted(path.name for path in here.iterdir()) == ["broken.toml", "small.toml"]
+
+
+QUICK = {
+    "run nowhere.toml": "nowhere.toml: no such file or built-in scenario",
+    "run small.toml --set control.kind=xyz": 'control.kind: got "xyz"; must be ',
+    "run --case nowhere 3": "nowhere/plan.toml: does not exist",
+    "report nowhere": "nowhere: no such file or directory",
+    "report . --format xyz": '--format: got "xyz"; must be "png", "pdf" or "svg"',
+    "export nowhere --to csv": "nowhere: no such file or directory",
+    "export . --to xyz": '--to: got "xyz"; must be "vtkhdf", "csv", ',
+    "film nowhere": "nowhere: no such file or directory",
+    "film . --to a.xyz": "--to: got a.xyz; must be ",
+    "film . --view inside": '--view: got "inside"; must be "side", ',
+    "film . --size big": '--size: got "big"; must be WIDTHxHEIGHT',
+    "modes small.toml --count 0": "--count: got 0; must be at least 1",
+    "linearise small.toml --to xyz": '--to: got "xyz"; must be "npz", "mat" or "json"',
+    "live small.toml --port 70000": "--port: got 70000; must be 0 ",
+    "compare small.toml --controllers xyz": '--controllers: got "xyz"; must be "none", ',
+    "tune small.toml --margin 2": "--margin: got 2.0; must be at least 0 ",
+    "identify small.toml nowhere.csv --of arm.length": "RECORD: nowhere.csv: no such file",
+    "identify small.toml small.toml --of arm.lenght": "arm.lenght: unknown key",
+    "estimate small.toml nowhere.csv": "RECORD: nowhere.csv: no such file",
+    "optimise small.toml --over arm.length --for rms_error": '--over: got "arm.length"; must be ',
+    "sweep small.toml --vary seed=1,2 --sample xyz": '--sample: got "xyz"; must be "grid", ',
+    "sweep small.toml --vary seed=1,2 --workers 0": "--workers: got 0; must be at least 1",
+    "train small.toml --teacher xyz": '--teacher: got "xyz"; must be "lqg", ',
+}
+"""Commands with a mistake that is answered before JAX is loaded, and the begin of each answer."""
+ALONE = """
+import sys
+from crinoid.cli.app import app
+from helpers.command import call
+
+for line in sys.stdin.read().splitlines():
+    found = call(*line.split(), of=app)
+    print(found.exit_code, "jax" in sys.modules, found.stderr.strip())
+"""
+
+
+def test_mistakes_are_answered_before_jax_is_loaded(here):
+    path = os.pathsep.join([str(Path(__file__).parents[1]), *sys.path])
+    ended = subprocess.run(
+        [sys.executable, "-c", ALONE],
+        input="\n".join(QUICK),
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    said = ended.stdout.splitlines()
+    for (command, answer), line in zip(QUICK.items(), said, strict=True):
+        assert line.startswith(f"2 False crinoid: {answer}"), command
 
 
 NAMES = {

@@ -1,14 +1,11 @@
 """Compiled programs between processes: the same results, and nothing run that cannot be trusted."""
 
+import json
 import os
-import signal
 import stat
 import subprocess
 import sys
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from pathlib import Path
 
 import equinox as eqx
@@ -17,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crinoid.compilation import Store, compiled, keep_programs
+from crinoid.compilation import about, compiled, message, program
 from crinoid.compilation import store as keys
-from crinoid.compilation.store import STORE
+from crinoid.compilation.store import Store
 
 KEY = b"key"
 traces: list[int] = []
@@ -65,9 +62,8 @@ def store(tmp_path, monkeypatch):
     monkeypatch.setattr(keys, "_IMPORT_TIME", time.time() + 60)
     traces.clear()
     store = Store(tmp_path / "programs")
-    token = STORE.set(store)
-    yield store
-    STORE.reset(token)
+    monkeypatch.setattr(program, "opened", lambda: store)
+    return store
 
 
 BY = jnp.linspace(0.0, 1.0, 5) ** 0.5
@@ -75,7 +71,6 @@ BY = jnp.linspace(0.0, 1.0, 5) ** 0.5
 
 def in_a_new_process(function=pulled, **options):
     """Return the function as a process has it that has compiled nothing yet."""
-    keys.key_of.cache_clear()
     return compiled(**options)(function)
 
 
@@ -119,67 +114,13 @@ def test_other_inputs_options_and_versions_are_other_programs(store, monkeypatch
     for number, (name, value) in enumerate(others.items(), start=1):
         with monkeypatch.context() as other:
             other.setattr(name, value)
-            keys._surroundings.cache_clear()
+            keys._machine.cache_clear()
             in_a_new_process()(spring(), BY, 1)
-        keys._surroundings.cache_clear()
+        keys._machine.cache_clear()
         assert len(traces) == count + number, name
     with jax.default_matmul_precision("float32"):
         in_a_new_process()(spring(), BY, 1)
     assert len(traces) == count + 3
-
-
-def test_a_program_compiled_ahead_is_the_one_that_is_called(store):
-    (expected, *_) = in_a_new_process()(spring(), BY, 1)
-    store.remove(bytes.fromhex(programs_in(store)[0].stem))
-    run = in_a_new_process()
-    assert run.will_compile(spring(), BY, 1)
-    traces.clear()
-    run.compile_ahead(spring(), np.zeros(5), 1)  # other numbers
-    assert traces == [1]  # here, and not in the thread
-    found, *_ = run(spring(), BY, 1)
-    assert traces == [1]
-    np.testing.assert_array_equal(found.stiffness, expected.stiffness)
-    assert jax.config.values["jax_enable_compilation_cache"]
-    for later in (run, in_a_new_process()):
-        assert not later.will_compile(spring(), BY, 1)
-        later.compile_ahead(spring(), BY, 1)
-        later(spring(), BY, 1)
-    assert traces == [1]
-
-
-def test_a_call_compiles_what_cannot_be_compiled_ahead(store, monkeypatch, capfd):
-    def fail(*_: object) -> None:
-        raise RuntimeError("can't start new thread")
-
-    run = in_a_new_process()
-    with pytest.raises(AttributeError):  # a mistake holds up nothing
-        run.compile_ahead(spring(), None, 1)
-    with monkeypatch.context() as patch:
-        patch.setattr(threading.Thread, "start", fail)
-        run.compile_ahead(spring(), BY, 1)
-    assert run(spring(), BY, 1)[1] == 1
-    with monkeypatch.context() as patch:
-        patch.setattr(run, "_compile", fail)  # in the thread
-        run.compile_ahead(spring(), BY, 2)
-    assert run(spring(), BY, 2)[1] == 2
-    assert capfd.readouterr().err == ""
-
-
-def test_without_a_store_nothing_is_compiled_ahead(store):
-    token = STORE.set(None)
-    run = compiled()(pulled)
-    assert not run.will_compile(spring(), BY, 1)
-    run.compile_ahead(spring(), BY, 1)
-    assert traces == []
-    STORE.reset(token)
-    run = in_a_new_process()
-    # a thread has a context of its own, in which programs are not kept
-    contexts = [copy_context() for _ in range(4)]
-    with ThreadPoolExecutor(4) as pool:
-        asked = [pool.submit(each.run, run.compile_ahead, spring(), BY, 1) for each in contexts]
-    assert [each.result() for each in asked] == [None] * 4
-    run(spring(), BY, 1)
-    assert traces == [1]
 
 
 def test_a_changed_source_is_another_program(store, monkeypatch, tmp_path):
@@ -191,32 +132,54 @@ def test_a_changed_source_is_another_program(store, monkeypatch, tmp_path):
     found = set()
     for text in ("a = 1\n", "a = 2\n"):
         source.write_text(text)
-        keys._surroundings.cache_clear()
-        found.add(keys._surroundings())
+        keys._sources.cache_clear()
+        found.add(keys._sources())
     assert len(found) == 2
     monkeypatch.setattr(
         keys, "_IMPORT_TIME", time.time() - 3600
     )  # it was loaded before it was changed
-    keys._surroundings.cache_clear()
-    in_a_new_process()(spring(), BY, 1)
-    keys._surroundings.cache_clear()
-    assert not programs_in(store)
+    keys._sources.cache_clear()
+    for _ in range(2):  # then its operations are its key
+        in_a_new_process()(spring(), BY, 1)
+    keys._sources.cache_clear()
+    assert traces == [1, 1]
+    assert len(programs_in(store)) == 1
 
 
-def test_programs_of_a_user_on_a_device_or_traced_are_not_kept(store, monkeypatch):
-    def of_a_user(by):
-        return 2 * by
-
+def test_programs_on_a_device_traced_or_with_callbacks_are_not_kept(store):
     def total(by):
-        return jnp.sum(program(spring(), by, 2)[0].stiffness)
+        return jnp.sum(run(spring(), by, 2)[0].stiffness)
 
-    np.testing.assert_array_equal(in_a_new_process(of_a_user)(BY), 2 * BY)
+    def called_back(by):
+        return jax.pure_callback(lambda x: 3 * np.asarray(x), by, by)
+
     in_a_new_process()(spring(), jax.device_put(BY, jax.devices()[0]), 1)
-    program = in_a_new_process()
+    run = in_a_new_process()
     np.testing.assert_allclose(jax.grad(total)(BY), 4 * BY * spring().stiffness, rtol=1e-14)
-    monkeypatch.setattr(Spring, "__module__", "an_element_of_a_user")
-    in_a_new_process()(spring(), BY, 1)
+    for _ in range(2):
+        np.testing.assert_array_equal(in_a_new_process(called_back)(BY), 3 * BY)
     assert not programs_in(store)
+
+
+def test_programs_with_classes_of_a_user_are_known_by_their_operations(store, monkeypatch):
+    factor = 2
+
+    def of_a_user(by):
+        traces.append(factor)
+        return factor * by, Spring(by, by, 1)
+
+    monkeypatch.setattr(Spring, "__module__", "an_element_of_a_user")
+    for factor, kept in ((2, 1), (2, 1), (3, 2)):
+        run = in_a_new_process(of_a_user)
+        for _ in range(2):
+            found, made = run(BY)
+            np.testing.assert_array_equal(found, factor * BY)
+            assert isinstance(made, Spring)
+        assert len(programs_in(store)) == kept
+    assert traces == [2, 2, 3]
+    for _ in range(2):
+        in_a_new_process()(spring(), BY, 1)
+    assert len(programs_in(store)) == 3
 
 
 @pytest.mark.parametrize(
@@ -224,15 +187,15 @@ def test_programs_of_a_user_on_a_device_or_traced_are_not_kept(store, monkeypatc
     [
         lambda file: file.write_bytes(b""),
         lambda file: file.write_bytes(file.read_bytes()[:-1]),
-        lambda file: file.write_bytes(file.read_bytes()[:50]),
-        lambda file: file.write_bytes(b"x" + file.read_bytes()[1:]),
+        lambda file: file.write_bytes(file.read_bytes()[:20]),
+        lambda file: file.write_bytes(b"x" * 32 + file.read_bytes()[32:]),
         lambda file: file.write_bytes(file.read_bytes()[:-9] + b"123456789"),
         lambda file: file.chmod(0o644),
         lambda file: file.parent.chmod(0o755),
         lambda file: file.replace(file.with_suffix(".x")) and file.symlink_to(f"{file.stem}.x"),
         lambda file: file.unlink() or file.mkdir(),
     ],
-    ids=["empty", "short", "head", "mark", "end", "open", "folder", "link", "no file"],
+    ids=["empty", "short", "head", "seal", "end", "open", "folder", "link", "no file"],
 )
 def test_a_file_that_cannot_be_trusted_is_not_run(store, damage):
     store.write(KEY, b"content")
@@ -265,8 +228,9 @@ def test_a_program_that_cannot_be_loaded_is_compiled_again(store, content):
         assert traces == [1, 1]
 
 
-def test_the_oldest_programs_go_first_and_those_in_use_stay(tmp_path):
-    store = Store(tmp_path / "programs", most_bytes=2500)
+def test_the_oldest_programs_go_first_and_those_in_use_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr(keys, "_MOST_BYTES", 2500)
+    store = Store(tmp_path / "programs")
     for number in range(3):
         store.write(bytes([number]), bytes(900))
         os.utime(store._path(bytes([number])), (number, number))
@@ -284,7 +248,6 @@ def test_a_folder_that_cannot_be_written_to_is_done_without(tmp_path):
         store = Store(folder)
         store.write(KEY, b"content")
         assert store.read(KEY) is None
-        assert not store.holds(KEY)
 
 
 @pytest.mark.slow
@@ -292,11 +255,9 @@ def test_processes_at_once_compile_a_program_once_and_agree(tmp_path):
     code = (
         "import crinoid, numpy as np\n"
         "from crinoid.assembly.prepared import system\n"
-        "from crinoid.compilation import keep_programs\n"
-        "from crinoid.compilation.program import Program\n"
-        "build, built = Program._build, []\n"
-        "Program._build = lambda self, *given: built.append(self) or build(self, *given)\n"
-        "keep_programs()\n"
+        "from crinoid.compilation.store import Store\n"
+        "write, built = Store.write, []\n"
+        "Store.write = lambda self, *given: built.append(self) or write(self, *given)\n"
         "arm = system(crinoid.load('still-water'))\n"
         "print(len(built), np.asarray(arm.reference.rest_length).tobytes().hex())\n"
     )
@@ -311,48 +272,59 @@ def test_processes_at_once_compile_a_program_once_and_agree(tmp_path):
     assert len(programs_in(Store(tmp_path / "crinoid" / "programs"))) == 1
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who locks a file")
-@pytest.mark.parametrize(
-    ("stopped", "words"), [(True, "is stopped, and is not"), (False, "compiles too: waiting")]
-)
-def test_a_process_that_does_not_get_ready_is_not_waited_for(
-    tmp_path, monkeypatch, caplog, stopped, words
+def test_a_process_that_does_not_get_ready_is_not_waited_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(keys, "_PATIENCE", 0.1)
+    with Store(tmp_path).claim(KEY), Store(tmp_path).claim(KEY):
+        pass
+
+
+def test_a_long_compilation_is_said_once_with_the_seconds_of_the_last_time(
+    tmp_path, monkeypatch, caplog
 ):
-    monkeypatch.setattr(keys, "_SAID", 0.1)
-    monkeypatch.setattr(keys, "_PATIENCE", 30.0 if stopped else 0.1)
-    code = "import fcntl, sys; file = open(sys.argv[1], 'w'); fcntl.flock(file, 2); "
-    code += "print(flush=True); sys.stdin.read()"
-    command = [sys.executable, "-c", code, str(tmp_path / "00.lock")]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout.readline() == b"\n"
-        if stopped:
-            other.send_signal(signal.SIGSTOP)
-            os.waitpid(other.pid, os.WUNTRACED)
-        with Store(tmp_path).claim(b"\0"):
-            pass
-        other.kill()
-    assert f"crinoid: process {other.pid} {words}" in caplog.text
+    monkeypatch.setattr(message, "_LONG", 0.05)
+    monkeypatch.setattr(message, "_SOON", 0.02)
+    lines = []
+    for _ in range(2):  # two processes
+        monkeypatch.setattr(message, "_said", set())
+        monkeypatch.setattr(message, "_spent", message.defaultdict(float))
+        about("a worm")
+        for _ in range(2):  # two programs
+            with message.reported(tmp_path):
+                time.sleep(0.2)
+        lines.append(caplog.messages[len(lines) :])
+    about("the arm")
+    assert lines[0] == ["crinoid: compiling a worm (once for this kind of arm)"]
+    assert lines[1] == ["crinoid: compiling a worm (once for this kind of arm; 0 s last time)"]
+    assert json.loads((tmp_path / "times.json").read_text())["a worm"] >= 0.4
 
 
-def test_programs_are_kept_where_the_user_wants_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
-    own, updates = tmp_path / "crinoid" / "jax", {}
-    monkeypatch.setattr(
-        type(jax.config), "update", lambda _, key, value: updates.update({key: value})
-    )
-    before = STORE.set(None)
-    settings = {"jax_compilation_cache_dir": None, "jax_enable_compilation_cache": True}
-    for change, folder in (
-        ({}, tmp_path / "crinoid" / "programs"),
-        ({"jax_compilation_cache_dir": "chosen"}, Path("chosen/crinoid/programs")),
+def test_a_short_compilation_is_not_said(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(message, "_spent", message.defaultdict(float))
+    with message.reported(tmp_path):
+        pass
+    assert not caplog.messages
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("changes", "folder"),
+    [
+        ({}, "crinoid/programs"),
+        ({"jax_compilation_cache_dir": "chosen"}, "chosen/crinoid/programs"),
         ({"jax_enable_compilation_cache": False}, None),
-    ):
-        monkeypatch.setattr(type(jax.config), "values", property(lambda _, s=settings | change: s))
-        updates.clear()
-        keep_programs()
-        store = STORE.get()
-        assert (store and store.folder) == folder
-        # JAX itself keeps what depends on classes of the user's
-        assert updates.get("jax_compilation_cache_dir") == (None if change else str(own))
-    assert stat.S_IMODE(own.stat().st_mode) == 0o700
-    STORE.reset(before)
+    ],
+    ids=["default", "elsewhere", "not at all"],
+)
+def test_programs_are_kept_where_the_user_wants_it(tmp_path, monkeypatch, changes, folder):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("platformdirs.user_cache_path", Path)
+    given = {"jax_compilation_cache_dir": None, "jax_enable_compilation_cache": True} | changes
+    monkeypatch.setattr(keys, "setting", given.__getitem__)
+    store = keys.opened.__wrapped__()
+    assert (store and store.folder) == (folder and Path(folder))
+
+
+def test_no_setting_of_jax_is_changed(store, tmp_path):
+    before = dict(jax.config.values)
+    in_a_new_process()(spring(), BY, 1)
+    assert jax.config.values == before

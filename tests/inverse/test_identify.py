@@ -1,6 +1,7 @@
 """Identification: derivatives, records, the search, and what the command writes."""
 
 import re
+import signal
 from types import SimpleNamespace
 
 import numpy as np
@@ -122,6 +123,31 @@ def test_a_search_that_is_stopped_keeps_the_best_so_far(record):
     assert search.trials == 3
     assert search.found.cost < search.before.cost
     assert search.dataset("interrupted").attrs["status"] == "interrupted"
+
+
+@pytest.mark.slow
+def test_an_interruption_of_the_second_trial_saves_the_given_numbers(
+    measured, found, tmp_path, monkeypatch
+):
+    motion, calls = Experiment.motion, []
+
+    def interrupted(self, logs):
+        calls.append(logs)
+        if len(calls) == 2:
+            signal.raise_signal(signal.SIGINT)
+        return motion(self, logs)
+
+    monkeypatch.setattr(Experiment, "motion", interrupted)
+    given = f"arm.youngs_modulus={WRONG['arm.youngs_modulus']}"
+    keys = ",".join(KEYS)
+    words = identify(measured, measured / "tip.csv", keys, "--set", given, "--out", tmp_path)
+    said = call(*words)
+    assert said.exit_code == 130, said.output
+    assert "interrupted after 2 trials; the best numbers so far are saved" in said.stderr
+    assert not np.array_equal(*calls)  # the given numbers are run once
+    data = xr.load_dataset(tmp_path / "identify.nc")
+    assert data["given"][0] == WRONG["arm.youngs_modulus"]
+    assert (tmp_path / "identified.toml").exists()
 
 
 @pytest.mark.slow

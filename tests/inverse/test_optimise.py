@@ -9,15 +9,17 @@ import pytest
 import xarray as xr
 
 import crinoid
+from crinoid.inverse import StoppedError
 from crinoid.inverse.goal import Goal
 from crinoid.inverse.optimisation import _SLOPE, Optimisation
 from crinoid.inverse.ranges import Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop
 from crinoid.inverse.smooth_measures import SMOOTH
+from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.metrics import MEASURES
 from crinoid.scenario import Scenario, ScenarioText
 from crinoid.view.figures import write_report
-from helpers.command import call, refused, succeeded
+from helpers.command import SMALL, call, refused, succeeded
 from helpers.figures import assert_shows_something
 
 LOOP = Scenario(
@@ -215,6 +217,26 @@ def test_a_missed_limit_is_named_with_exit_code_1(arc, tmp_path):
     errors = xr.load_dataset(tmp_path / "optimise.nc")["found"].sel(measure="max_error")
     (error,) = summary["measures"]["max_error"]["after"]
     assert error == pytest.approx(float(errors.min()), rel=1e-3)
+
+
+def test_an_interruption_of_the_second_trial_saves_the_given_numbers(tmp_path, monkeypatch):
+    def runs(self, scenarios, seeds=None):
+        if len(scenarios) > 1:  # the first generation
+            os.kill(os.getpid(), signal.SIGINT)
+            if self._stop():
+                raise StoppedError
+        return np.full((len(scenarios), 1, 1), 0.02)
+
+    monkeypatch.setattr(TrialRuns, "__call__", runs)
+    file = tmp_path / "small.toml"
+    file.write_text(SMALL.with_values({"arm.youngs_modulus": 6e5}).to_toml())
+    words = ("--over", "arm.youngs_modulus=1e5:1e6", "--for", "settling_time", "--out", tmp_path)
+    found = call("optimise", file, *words)
+    assert found.exit_code == 130, found.output
+    assert "interrupted after 1 trial; the best so far is saved" in found.stderr
+    assert crinoid.load(str(tmp_path / "optimised.toml")).arm.youngs_modulus == 6e5
+    data = xr.load_dataset(tmp_path / "optimise.nc")
+    assert data["found"].values.tolist() == [[[0.02]]]
 
 
 @pytest.mark.slow

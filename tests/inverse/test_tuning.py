@@ -225,13 +225,14 @@ def run_briefly(folder, monkeypatch, cost):
 
 
 @pytest.mark.slow
-def test_a_search_that_is_interrupted_keeps_its_best(tmp_path, monkeypatch):
+@pytest.mark.parametrize("last", [2, 7])  # the first trial has the given values
+def test_a_search_that_is_interrupted_keeps_its_best(tmp_path, monkeypatch, last):
     calls = count(1)
 
     def interrupted(*arguments):
         number = next(calls)
         time.sleep(0.05)  # by then there is something to save
-        if number == 7:
+        if number == last:
             signal.raise_signal(signal.SIGINT)
         return bowl(*arguments)
 

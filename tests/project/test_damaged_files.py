@@ -25,8 +25,8 @@ from crinoid.results.metrics import measured
 from crinoid.results.result import RESULT, Result, ResultError
 from crinoid.results.stream import Stream
 from crinoid.scenario import Scenario, ScenarioError, builtin_files, builtin_names, builtin_text
-from crinoid.studies.sweep import SweepDesign, SweepStore
-from crinoid.studies.sweep.store import PLAN, RunOutcome
+from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
+from crinoid.studies.sweep.store import RunOutcome, SweepStore
 from helpers.damage import other_bytes, other_dataset, other_document
 from helpers.made_results import made_result
 from helpers.measured import measured as playing
@@ -138,7 +138,7 @@ def sweep(folder):
 
     def read(path):
         store = SweepStore(path.parent)
-        read = store.read_plan()
+        read = read_plan(store.folder)
         assert store.finished(read) == set()
         assert all(read.name(run) and read.values(run) for run in range(1, min(read.runs, 9)))
 

@@ -9,7 +9,7 @@ import crinoid
 from crinoid.results.result import ResultError
 from crinoid.scenario.library import scenario_of
 from crinoid.studies.comparison import ControllerComparison
-from crinoid.studies.sweep import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import write_page
 
 SMALL = "[arm]\nnodes = 4\n[simulation]\nduration = 0.05\n"

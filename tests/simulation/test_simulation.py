@@ -4,8 +4,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
@@ -14,15 +12,12 @@ from scipy.sparse.linalg import ArpackNoConvergence
 import crinoid
 from crinoid.assembly.control_loop import build_sensors
 from crinoid.assembly.prepared import Prepared
-from crinoid.compilation import Program, Store
-from crinoid.compilation.store import STORE
 from crinoid.results.dataset import Instants, build_dataset
 from crinoid.results.result import Result, ResultError
 from crinoid.scenario import ScenarioError
 from crinoid.simulation import LoopState, SimulationError, at_rest, play
 from crinoid.simulation import run as running
-from crinoid.simulation.chunk import CAPACITY, fast_chunk
-from crinoid.simulation.setup import compile_ahead, set_up
+from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import resume_state
 from helpers.builtin import imbalance
 from helpers.loops import assert_equal_runs
@@ -177,23 +172,6 @@ def start() -> tuple[LoopState, xr.Dataset]:
 @pytest.fixture(scope="module")
 def part() -> Result:
     return crinoid.simulate(scenario(simulation__duration=0.7, control__compare=False))
-
-
-@pytest.mark.parametrize("kind", ["pid", "none"])
-def test_the_program_compiled_ahead_is_the_one_of_the_run(tmp_path, monkeypatch, kind):
-    given = []
-    monkeypatch.setattr(Program, "will_compile", lambda *_: True)
-    monkeypatch.setattr(Program, "compile_ahead", lambda program, *args: given.append(args))
-    prepared = Prepared(scenario(control__kind=kind))
-    compile_ahead(prepared, 1)
-    setup = set_up(prepared)
-    carry, _ = running.begin(setup.loop, setup.state)
-    token = STORE.set(Store(tmp_path))
-    args = (setup.loop, carry, carry.steps, jnp.asarray(3, int), CAPACITY)
-    ahead, asked = (fast_chunk._key(*jax.tree.flatten((each, {}))) for each in (*given, args))
-    STORE.reset(token)
-    assert asked is not None
-    assert ahead == asked
 
 
 @pytest.mark.parametrize("name", [*DAMAGED_DATA, *DAMAGED_STATE])

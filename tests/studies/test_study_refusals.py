@@ -10,7 +10,7 @@ import xarray as xr
 from crinoid.cli.sweep import shares_of_time
 from crinoid.scenario import Scenario
 from crinoid.studies.batch import Variation
-from crinoid.studies.sweep import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import ReportError, write_report
 from helpers.command import assert_refused, refused
 from helpers.refusals import mistake

@@ -20,9 +20,16 @@ import crinoid
 from crinoid.results.metrics import measured, read_rows
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
-from crinoid.studies.sweep import SweepDesign, SweepStore, WorkerPoolError, engine, run_batches
-from crinoid.studies.sweep.engine import OtherVersionError, Work, perform
-from crinoid.studies.sweep.store import RunOutcome
+from crinoid.studies.sweep import engine
+from crinoid.studies.sweep.engine import (
+    OtherVersionError,
+    Work,
+    WorkerPoolError,
+    perform,
+    run_batches,
+)
+from crinoid.studies.sweep.plan import SweepDesign, read_plan
+from crinoid.studies.sweep.store import RunOutcome, SweepStore
 from crinoid.studies.sweep.workers import Cluster, Processes
 from helpers.command import call, one_line, refused, succeeded
 from helpers.signals import usual_signals
@@ -219,7 +226,7 @@ def test_a_batch_is_tried_again_and_fails_in_the_end(arm, clean, tmp_path):
     assert re.search(r"note: batch \d of 3 is tried again: its worker died\n[^$]*wrote", told)
     assert_same(clean, tmp_path / "once")
     # the third batch takes its worker with it each time
-    plan = SweepStore(clean).read_plan()
+    plan = read_plan(clean)
     third = plan.values(5)
 
     class Deadly(Here):
@@ -248,7 +255,7 @@ def test_a_batch_that_hangs_is_given_to_another_worker(arm, clean, tmp_path, mon
 
 @pytest.mark.slow
 def test_processes_that_are_killed_are_replaced(clean, tmp_path):
-    plan, store = SweepStore(clean).read_plan(), SweepStore(tmp_path)
+    plan, store = read_plan(clean), SweepStore(tmp_path)
     store.start(plan)
     struck: list[int] = []
 
@@ -303,7 +310,7 @@ def test_a_killed_sweep_is_resumed(arm, clean, tmp_path):
 
 @pytest.mark.release
 def test_workers_of_dask_that_die_are_replaced(clean, tmp_path):
-    plan, store = SweepStore(clean).read_plan(), SweepStore(tmp_path)
+    plan, store = read_plan(clean), SweepStore(tmp_path)
     store.start(plan)
     crew, killed = Cluster(1), []
     submit = crew.submit

@@ -9,7 +9,7 @@ import xarray as xr
 from crinoid.cli.sweep import shares_of_time, sweep_table
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.variation import Span, combination, read_variation
-from crinoid.studies.sweep import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign
 
 ARM = Scenario(arm={"nodes": 5}, simulation={"duration": 0.1})
 

@@ -15,8 +15,9 @@ from PIL import Image, ImageSequence
 from crinoid.cli.folder import clear_figures
 from crinoid.results.own_files import is_own
 from crinoid.view.figures.style import STYLE
-from crinoid.view.film.camera import CameraSettings, film_settings
+from crinoid.view.film.camera import film_settings
 from crinoid.view.film.picture import Picture
+from crinoid.view.film.settings import CameraSettings
 from crinoid.view.film.surfaces import instant_of
 from crinoid.view.scene.data import in_space
 from crinoid.view.scene.scene import build_scene

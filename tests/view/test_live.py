@@ -12,8 +12,6 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import crinoid
-from crinoid.compilation import Program, Store
-from crinoid.compilation.store import STORE
 from crinoid.control import Line, Target
 from crinoid.dynamics import Outcome
 from crinoid.flow import MeasuredPoint, Uniform, Water
@@ -21,12 +19,10 @@ from crinoid.numerics.piecewise import PiecewisePolynomial
 from crinoid.numerics.ramp import Onset
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
-from crinoid.simulation.chunk import fast_chunk
 from crinoid.view.figures import write_report
 from crinoid.view.live.adjustable import AdjustableNumbers, adjusted_flows
 from crinoid.view.live.clock import RealTimeClock
 from crinoid.view.live.interactive import (
-    CAPACITY,
     InteractiveBodies,
     ShiftedTarget,
     StartError,
@@ -96,32 +92,6 @@ def assert_runs_alike(result: Result, *names: str) -> None:
     for name in names:
         found, expected = (each.dataset[name].values for each in (result, run))
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("values", "more"),
-    [
-        pytest.param({}, "", id="no chamber"),
-        pytest.param(
-            {"simulation.start": "rest"}, CHAMBER, id="a chamber", marks=pytest.mark.release
-        ),
-    ],
-)
-def test_a_session_needs_the_program_that_was_compiled_ahead(tmp_path, monkeypatch, values, more):
-    given = []
-    monkeypatch.setattr(Program, "will_compile", lambda *_: True)
-    monkeypatch.setattr(Program, "compile_ahead", lambda program, *args: given.append(args))
-    monkeypatch.setattr(LiveSession, "_compile", lambda _: None)
-    # the program of the steps does not depend on how the start is found
-    session = LiveSession(Scenario.from_toml(SCENARIO + more).with_values(values))
-    steps = session.state.steps
-    asked = (session.loop, session.state, steps, jnp.asarray(3, int), CAPACITY)
-    token = STORE.set(Store(tmp_path))
-    ahead, asked = (fast_chunk._key(*jax.tree.flatten((each, {}))) for each in (*given, asked))
-    STORE.reset(token)
-    assert asked is not None
-    assert ahead == asked
 
 
 @pytest.mark.slow

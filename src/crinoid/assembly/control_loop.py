@@ -81,7 +81,9 @@ def build_sensor(
     """Return sensor number ``index``; noise and resolution (SI) of each value, or one for all."""
     rate, axes = scenario.rate_hz(table.rate_hz), scenario.arm.dimension
     size = len(measurand.names(axes))
-    key = jax.random.key(scenario.seed)
+    # as `jax.random.key` makes it, for which nothing need be compiled
+    words = jax.device_put(np.array(divmod(scenario.seed, 1 << 32), np.uint32))
+    key = jax.random.wrap_key_data(words, impl="threefry2x32")
     return Sensor(
         name=name,
         measurand=measurand,

@@ -139,7 +139,10 @@ class Prepared:
         """The arm, its base and the water as arrays: the differentiable core."""
         # JAX: slow to load, not for reading
         from crinoid.assembly.system import assemble_once, check_steady
+        from crinoid.compilation import about
 
+        space = self.scenario.arm.dimension == 3
+        about(f"the arm in {'space' if space else 'the plane'}")
         system = assemble_once(self.parameters)
         if self.parts is not None:
             system = self.parts.added(system)

@@ -13,6 +13,7 @@ from crinoid.cli.command import (
     Force,
     ScenarioName,
     Settings,
+    at_least,
     complete_key,
     complete_name,
     console,
@@ -39,6 +40,8 @@ from crinoid.cli.study_commands import (
 
 _DEFAULT = "station-keeping"
 _DURATION = "simulation.duration="
+_MODELS = ("npz", "mat", "json")
+"""Formats of a linear model."""
 
 app = typer.Typer(
     name="crinoid",
@@ -95,10 +98,10 @@ def run(
             stop("--case: excludes SCENARIO and --set. Leave them out; the sweep has them.")
         with Loading():
             from crinoid.scenario.errors import got
-            from crinoid.studies.sweep import SweepStore
+            from crinoid.studies.sweep.plan import read_plan
 
         place, number = case
-        plan = SweepStore(place).read_plan()
+        plan = read_plan(place)
         if not 1 <= number <= plan.runs:
             stop(f"--case: {got(number, f'be a run from 1 to {plan.runs}')}")
         described = plan.case(number)
@@ -187,6 +190,7 @@ def modes(
     force: Force = False,
 ) -> None:
     """Find small vibrations about the equilibrium: frequencies, damping ratios and shapes."""
+    at_least(1, {"--count": count})
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-modes", settings)
     with Loading():
@@ -225,6 +229,11 @@ def linearise(
     force: Force = False,
 ) -> None:
     """Linearise arm, actuators and sensors: A, B, C, D over a control period, with names."""
+    from crinoid.scenario.errors import got, one_of, refusal
+
+    if to not in _MODELS:
+        raise refusal("--to", got(to, f"be {one_of(_MODELS)}"))
+    at_least(1, {"--order": order})
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-linearise", settings)
     with Loading():
@@ -250,6 +259,10 @@ def live(
     out: Annotated[Path | None, out_option("results/SCENARIO-live")] = None,
 ) -> None:
     """Simulate a scenario in the browser, in real time: turn its numbers, push it, record it."""
+    from crinoid.scenario.errors import got, refusal
+
+    if not 0 <= port <= 65535:
+        raise refusal("--port", got(port, "be 0 (any free port) to 65535"))
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-live", settings)
     with Loading():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -62,7 +62,8 @@ def one_line_errors(
 ) -> Iterator[None]:
     """Print errors that a user can mend as one line each, without a traceback."""
     with Loading():
-        from crinoid.scenario import ScenarioError
+        from crinoid.scenario.errors import ScenarioError
+        from crinoid.view.refusals import ReportError
 
     try:
         yield
@@ -76,14 +77,20 @@ def one_line_errors(
         near = error.object[max(0, error.start - 40) : error.end + 20]
         must = f"must be text in {error.encoding}, as netCDF needs it"
         stop(f"{near}: {must}. Choose another name, or set PYTHONUTF8=1.")
-    except ValueError as error:
-        figures = sys.modules.get("crinoid.view.figures")
-        if figures is None or not isinstance(error, figures.ReportError):
-            raise
+    except ReportError as error:
         stop(str(error))
     except (Interrupted, KeyboardInterrupt):
         errors.print(f"crinoid: {interrupted}")
         raise typer.Exit(INTERRUPTED) from None
+
+
+def at_least(least: int, options: Mapping[str, int | None]) -> None:
+    """Refuse options that are given and less than a number."""
+    from crinoid.scenario.errors import got, refusal
+
+    for name, value in options.items():
+        if value is not None and value < least:
+            raise refusal(name, got(value, f"be at least {least}"))
 
 
 def complete_name(start: str) -> list[str]:

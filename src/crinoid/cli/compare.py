@@ -24,9 +24,7 @@ from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
 from crinoid.results.metrics import write_rows
-from crinoid.scenario import Scenario, got, one_of, refusal, shown
-from crinoid.scenario.control import KINDS
-from crinoid.scenario.kinds import installed
+from crinoid.scenario import Scenario
 from crinoid.studies.comparison import (
     COMPARISON,
     COMPARISON_TABLE,
@@ -38,30 +36,7 @@ from crinoid.studies.comparison import (
 from crinoid.studies.statistics import Difference, Mean
 from crinoid.view.figures.controllers import speed_unit
 from crinoid.view.figures.measures import label_of, main_measures, mean_text, unit_for
-from crinoid.view.figures.style import Unit, largest, si_unit
-
-
-def kinds_of(text: str) -> list[str]:
-    """Return the kinds of controllers in a list with commas."""
-    kinds = [kind.strip() for kind in text.split(",")]
-    known = [kind for kind in (*KINDS, *installed("controllers")) if kind != "custom"]
-    for kind in kinds:
-        if kind not in known:
-            text = got(kind, f"be {one_of(known)}, separated by commas")
-            raise refusal("--controllers", text)
-        if kinds.count(kind) > 1:
-            text = f"got {shown(kind)} twice; must name each controller once"
-            raise refusal("--controllers", text)
-    return kinds
-
-
-def seeds_of(count: int, first: int) -> range:
-    """Return the seeds from the first one on."""
-    if count < 1:
-        raise refusal("--seeds", got(count, "be at least 1"))
-    if first < 0:
-        raise refusal("--first-seed", got(first, "be at least 0"))
-    return range(first, first + count)
+from crinoid.view.figures.units import Unit, largest, si_unit
 
 
 def compare_controllers(

@@ -25,7 +25,7 @@ from crinoid.scenario import Scenario
 from crinoid.view.figures.charts.summary import equilibrium_summary, summary
 from crinoid.view.figures.measures import unit_of
 from crinoid.view.figures.study import short_keys
-from crinoid.view.figures.style import largest
+from crinoid.view.figures.units import largest
 
 if TYPE_CHECKING:
     from crinoid.simulation import Progress as Reached

@@ -17,7 +17,6 @@ from rich.table import Table
 
 from crinoid.cli.command import console
 from crinoid.cli.display import new_table, say_notes
-from crinoid.compilation import keep_programs
 from crinoid.foundation.cache_folder import cache_folder
 from crinoid.foundation.version import version_of, versions
 from crinoid.scenario import Scenario
@@ -40,7 +39,6 @@ _CASE = Scenario(
 
 def examine() -> str:
     """Print the state of the installation; return its fault, empty if there is none."""
-    keep_programs()
     notes: list[str] = []
     console.print(_about())
     console.print(_parts())

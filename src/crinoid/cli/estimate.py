@@ -11,7 +11,7 @@ from crinoid.cli.finding import finding
 from crinoid.inverse import ESTIMATE
 from crinoid.inverse.estimation import estimated
 from crinoid.scenario import Scenario
-from crinoid.view.figures.style import DEGREES, length_unit, si_unit
+from crinoid.view.figures.units import DEGREES, length_unit, si_unit
 
 _FAR = 2.0
 """Mean square of innovations beyond which the observer does not fit the log."""

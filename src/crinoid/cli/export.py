@@ -1,26 +1,16 @@
 """Export of a result or a policy: options of each format, and progress."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
-from functools import partial
 from pathlib import Path
+from typing import Any
 
-from crinoid.cli.command import folder_for, load_scenario
-from crinoid.cli.display import progress_bar, say_notes, say_written
-from crinoid.cli.folder import check_own, claimed
-from crinoid.scenario import Mistake, ScenarioError, got, one_of, refusal
-from crinoid.view.export import (
-    Written,
-    write_csv,
-    write_gltf,
-    write_mcap,
-    write_onnx,
-    write_usd,
-    write_vtkhdf,
-    write_xlsx,
-)
-from crinoid.view.export.fmu import write_fmu
-from crinoid.view.export.source import KINDS, files_of, find_policy, find_result
+from crinoid.cli.command import at_least, folder_for, load_scenario
+from crinoid.cli.interruption import Loading
+from crinoid.scenario.errors import Mistake, ScenarioError, got, one_of, refusal
+from crinoid.view.refusals import EXPORTS, require_path
+
+_TABLES = ("csv", "xlsx")
 
 
 def export_result(
@@ -34,16 +24,15 @@ def export_result(
     force: bool,
 ) -> None:
     """Export a result or a policy, and report omissions."""
-    if kind not in KINDS:
-        kinds = (*KINDS, "fmu")
+    if kind not in EXPORTS:
+        kinds = (*EXPORTS, "fmu")
         near = get_close_matches(kind.lower(), kinds, n=1)
         raise ScenarioError([Mistake("--to", got(kind, f"be {one_of(kinds)}"), *near)])
-    if instants is not None and instants < 1:
-        raise refusal("--instants", got(instants, "be at least 1"))
+    at_least(1, {"--instants": instants})
     if instants is not None and kind == "onnx":
         raise refusal("--instants", f"needs a result. Leave it out with --to {kind}.")
     for option, value in {"--variables": variables, "--nodes": nodes}.items():
-        if value is not None and kind not in ("csv", "xlsx"):
+        if value is not None and kind not in _TABLES:
             raise refusal(option, f"needs --to csv or xlsx. Leave it out with --to {kind}.")
     if out is not None and out.exists() and not out.is_dir():
         raise refusal("--out", f"{out} is a file; must be a folder")
@@ -53,17 +42,15 @@ def export_result(
     except ValueError:
         must = "be whole numbers separated by commas, such as 0,10,-1"
         raise refusal("--nodes", got(nodes, must)) from None
+    require_path(result)
+    with Loading():
+        from crinoid.cli.display import progress_bar, say_notes, say_written
+        from crinoid.cli.folder import check_own, claimed
+        from crinoid.view import export
+        from crinoid.view.export.source import files_of, find_policy, find_result
+
     path = find_policy(result) if kind == "onnx" else find_result(result)
     folder = path.parent if out is None else out
-    writers: dict[str, Callable[..., Written]] = {
-        "csv": partial(write_csv, variables=names, nodes=numbers),
-        "xlsx": partial(write_xlsx, variables=names, nodes=numbers),
-        "vtkhdf": write_vtkhdf,
-        "gltf": write_gltf,
-        "mcap": write_mcap,
-        "usd": write_usd,
-        "onnx": lambda path, folder, **_: write_onnx(path, folder),
-    }
     with claimed(folder):
         for file in [] if force else files_of(folder, path.stem, kind):
             check_own(file)
@@ -77,7 +64,11 @@ def export_result(
                     task, description="writing", total=count, completed=done, reached=reached
                 )
 
-            written = writers[kind](path, folder, instants=instants, report=report)
+            options: dict[str, Any] = {"instants": instants, "report": report}
+            if kind in _TABLES:
+                options |= {"variables": names, "nodes": numbers}
+            write = getattr(export, f"write_{kind}")
+            written = write(path, folder, **({} if kind == "onnx" else options))
     say_notes(written.notes)
     say_written(written.files)
 
@@ -96,6 +87,11 @@ def export_scenario(
             raise refusal(option, "needs a result. Leave it out with --to fmu.")
     scenario, folder = load_scenario(name, settings), folder_for(out, name, settings=settings)
     stem = Path(name).stem
+    with Loading():
+        from crinoid.cli.display import say_written
+        from crinoid.cli.folder import check_own, claimed
+        from crinoid.view.export.fmu import write_fmu
+
     with claimed(folder):
         if not force:
             check_own(folder / f"{stem}.fmu")

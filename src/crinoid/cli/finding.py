@@ -11,7 +11,6 @@ import xarray as xr
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.display import say_doubts
 from crinoid.cli.folder import check_own, claimed
-from crinoid.compilation import keep_programs
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.metrics import measures_of
@@ -19,9 +18,10 @@ from crinoid.results.own_files import is_own
 from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
-from crinoid.studies.sweep import SweepDesign
-from crinoid.view.figures import ReportError, write_page, write_report
+from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
+from crinoid.view.refusals import ReportError
 
 Content = str | Callable[[Path], object]
 """Text of a file, or a function that writes it."""
@@ -65,11 +65,10 @@ def _written(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
 
 
 def require_one(scenario: Scenario, name: str) -> None:
-    """Require a scenario of one case for a command such as `"a tuning"`, and load programs."""
+    """Require a scenario of one case for a command such as `"a tuning"`."""
     if scenario.vary:
         text = f"{name} is of one case. Set its values with --set and leave out vary."
         raise refusal("vary", text)
-    keep_programs()
 
 
 @contextmanager

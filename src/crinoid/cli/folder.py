@@ -29,7 +29,7 @@ from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.scenario.document import flat
 from crinoid.studies.comparison import COMPARISON
 from crinoid.studies.statistics import MEANS
-from crinoid.studies.sweep import PLAN
+from crinoid.studies.sweep.plan import PLAN
 from crinoid.view.export.source import exports_of
 from crinoid.view.film.encode import FILMS
 from crinoid.view.page.parts import PAGE

@@ -1,7 +1,6 @@
 """Tuning of a controller and identification of numbers: progress, the new scenario, a table."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,8 @@ from crinoid.inverse.gain_design import tunable_numbers
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.tuning import HELD_OUT, MARGINS, Tuning
 from crinoid.inverse.unknowns import Unknowns
-from crinoid.scenario import ScenarioText, got, refusal
-from crinoid.view.figures.style import DEGREES, si_unit
+from crinoid.scenario import ScenarioText, counted
+from crinoid.view.figures.units import DEGREES, si_unit
 
 _LITTLE = 0.9
 """Tip error over that without control above which a tuning deserves a note."""
@@ -34,11 +33,6 @@ def tune_controller(
     text: ScenarioText, seeds: int, iterations: int, margin: float, folder: Path, *, force: bool
 ) -> str:
     """Search, save and draw what was found, and sum it up; return what went wrong."""
-    if not 0 <= margin < 1:
-        raise refusal("--margin", got(margin, "be at least 0 (no margin) and below 1"))
-    for name, value in (("--seeds", seeds), ("--iterations", iterations)):
-        if value < 1:
-            raise refusal(name, got(value, "be at least 1"))
     scenario = text.scenario
     tunable_numbers(scenario)
     with (
@@ -51,13 +45,17 @@ def tune_controller(
                 tuning = Tuning(scenario, seeds, iterations, margin)
 
             def report(done: int, total: int, least: float) -> None:
-                reached = f"{done} of {total}, root of cost {1e3 * least**0.5:.3g} mm"
+                best = (
+                    f"root of cost {1e3 * least**0.5:.3g} mm" if np.isfinite(least) else "none yet"
+                )
+                reached = f"{done} of at most {total} trials, {best}"
                 bar.update(task, total=total, completed=done, description="tuning", reached=reached)
 
             interruption.has_some = lambda: bool(np.isfinite(tuning.least))
             tuning.run(report, interruption.stop)
             stopped = interruption.stop()
             if np.isfinite(tuning.least) and not stopped:
+                bar.update(task, description="comparing", reached="other draws, before and after")
                 tuning.hold_out(interruption.stop)
         stopped = interruption.stop()
         if not np.isfinite(tuning.least):
@@ -67,7 +65,7 @@ def tune_controller(
         files = found.save(data, {"tuned.toml": tuned})
         show(tuning_table(data, tuning.random), _tuning_notes(tuning, data), files)
     if stopped:
-        words = f"after {int(tuning.trials.sum())} trials; the best so far is saved"
+        words = f"after {counted(int(tuning.trials.sum()), 'trial')}; the best so far is saved"
         return f"{Status.INTERRUPTED} {words}"
     return ""
 
@@ -139,14 +137,10 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
 
 
 def identify_numbers(
-    text: ScenarioText, record: Path, keys: Sequence[str], folder: Path, *, force: bool
+    text: ScenarioText, record: Path, unknowns: Unknowns, folder: Path, *, force: bool
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
-    if not keys:
-        hint = "Name keys of numbers, such as arm.youngs_modulus,water.drag_normal."
-        raise refusal("--of", f"got no key. {hint}")
     scenario = text.scenario
-    unknowns = Unknowns(scenario, keys)
     with finding(scenario, folder / IDENTIFICATION, "a record", force=force) as found:
         records = read_experiments(record, found.prepared, unknowns)
         with Interruption() as interruption:
@@ -154,18 +148,19 @@ def identify_numbers(
                 (task,) = bar.task_ids
                 bar.update(task, description="identifying", reached="compiling")
                 with solvable():
-                    search = Identification(scenario, keys, records)
+                    search = Identification(scenario, unknowns.keys, records)
 
                 def report(trials: int, cost: float) -> None:
-                    reached = f"{trials} trials, {cost**0.5:.4g} of the scatter left"
-                    bar.update(task, reached=reached)
+                    reached = f"trial {trials} of at most {search.total}"
+                    bar.update(task, reached=f"{reached}, {cost**0.5:.4g} of the scatter left")
 
+                interruption.has_some = lambda: search.found is not None
                 complete = search.run(report, interruption.stop)
             if search.failure:
                 return f"{search.failure} (with the numbers that the scenario gives)", FAILED
             if search.found is None:
                 return f"{Status.INTERRUPTED} before there was anything to save", FAILED
-            words = f"after {search.trials} trials; the best numbers so far are saved"
+            words = f"after {counted(search.trials, 'trial')}; the best numbers so far are saved"
             status = "" if complete else f"{Status.INTERRUPTED} {words}"
             unsure = "; ".join(f"{key}: {why}" for key, why in search.undetermined().items())
             if unsure and complete:

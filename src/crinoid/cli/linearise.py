@@ -12,8 +12,7 @@ from crinoid.cli.command import console
 from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own, clear_own
-from crinoid.scenario import Scenario, ScenarioError, one_of, refusal
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario, ScenarioError
 
 _MOST_POLES = 8
 _SWINGS = 1e-2
@@ -24,8 +23,6 @@ def show_linearisation(
     scenario: Scenario, folder: Path, *, to: str, order: int | None, force: bool
 ) -> None:
     """Linearise a scenario, save and draw the model, and sum it up."""
-    if f".{to}" not in FORMATS:
-        raise refusal("--to", got(to, f"be {one_of(ending[1:] for ending in FORMATS)}"))
     path = folder / f"linear-model.{to}"
     with finding(scenario, folder / RESPONSE, "a linear model", force=force) as found:
         if not force:

@@ -20,12 +20,12 @@ from crinoid.inverse.goal import Goal
 from crinoid.inverse.optimisation import Optimisation
 from crinoid.inverse.ranges import Ranges
 from crinoid.results.summary import SUMMARY_JSON
-from crinoid.scenario import ScenarioText, got, refusal
+from crinoid.scenario import ScenarioText, counted
 
 
 def optimise_numbers(
     text: ScenarioText,
-    over: Sequence[str],
+    ranges: Ranges,
     measure: str,
     keep: Sequence[str],
     seeds: int,
@@ -37,10 +37,7 @@ def optimise_numbers(
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
     scenario = text.scenario
-    for name, value in (("--seeds", seeds), ("--trials", trials)):
-        if value < 1:
-            raise refusal(name, got(value, "be at least 1"))
-    ranges, goal = Ranges(scenario, over), Goal(scenario, measure, keep)
+    goal = Goal(scenario, measure, keep)
     with (
         finding(scenario, folder / OPTIMISATION, "an optimisation", force=force) as found,
         Interruption() as interruption,
@@ -66,7 +63,7 @@ def optimise_numbers(
         missed = search.missed()
         status = Status.OK.value
         if stopped:
-            words = f"after {len(search.trials)} trials; the best so far is saved"
+            words = f"after {counted(len(search.trials), 'trial')}; the best so far is saved"
             status = f"{Status.INTERRUPTED} {words}"
         elif missed:
             status = f"no trial keeps all limits: {'; '.join(missed)}"

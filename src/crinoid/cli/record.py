@@ -37,7 +37,7 @@ from crinoid.results.own_files import table_head
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.document import override
 from crinoid.scenario.flow import Component, MeasuredFlow
-from crinoid.view.figures.style import Unit
+from crinoid.view.figures.units import Unit
 
 _COMPASS = ("east", "north", "up")
 _READING = (

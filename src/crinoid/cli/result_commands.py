@@ -20,6 +20,10 @@ def report(
     out: Annotated[Path | None, out_option("next to the result")] = None,
 ) -> None:
     """Draw the figures of a result, and write its page."""
+    from crinoid.view.refusals import require_figures, require_path
+
+    require_figures(file_format)
+    require_path(result)
     with Loading():
         from crinoid.cli.display import say_written
         from crinoid.view.figures import write_report
@@ -75,8 +79,7 @@ def export(
     Isaac Sim and Newton read usd. A policy that `crinoid train` wrote is written for a
     vehicle (onnx), a scenario for programs of co-simulation (fmu).
     """
-    with Loading():
-        from crinoid.cli.export import export_result, export_scenario
+    from crinoid.cli.export import export_result, export_scenario
 
     if to == "fmu":
         unused = {"--variables": variables, "--nodes": nodes, "--instants": instants}
@@ -148,11 +151,8 @@ def film(
     ] = False,
 ) -> None:
     """Film a result: the arm moving, as an MP4 or a GIF."""
-    with Loading():
-        from crinoid.cli.display import progress_bar, say_notes, say_written
-        from crinoid.view.film.camera import CameraSettings, size_of
-        from crinoid.view.film.encode import NO_ENCODER, has_encoder
-        from crinoid.view.film.write import film_run
+    from crinoid.view.film.settings import CameraSettings, ending_of, size_of
+    from crinoid.view.refusals import require_path
 
     camera = CameraSettings(
         fps=fps,
@@ -168,6 +168,14 @@ def film(
         uncontrolled=uncontrolled,
         colour=colour,
     )
+    require_path(result)
+    if to is not None:
+        ending_of(to)
+    with Loading():
+        from crinoid.cli.display import progress_bar, say_notes, say_written
+        from crinoid.view.film.encode import NO_ENCODER, has_encoder
+        from crinoid.view.film.write import film_run
+
     if to is None and not has_encoder():
         say_notes([f"writes a GIF: {NO_ENCODER}"])
     with Interruption() as interruption, progress_bar() as bar:

@@ -19,7 +19,6 @@ from crinoid.cli.display import (
 from crinoid.cli.finding import complete, page_in, require_one
 from crinoid.cli.folder import check_replaced, claimed, clear, contains, place_for, save, stopped
 from crinoid.cli.interruption import Interruption
-from crinoid.compilation import keep_programs
 from crinoid.diagnostics.plausibility import AT_REST
 from crinoid.foundation.status import Status
 from crinoid.results.result import RESULT, Result, ResultError
@@ -29,7 +28,6 @@ from crinoid.simulation import Progress, SimulationError, Tell, at_rest, play, s
 
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool) -> str:
     """Run a scenario of one case, save and sum it up; return what went wrong, if anything."""
-    keep_programs()
     prepared = Prepared(scenario)
     prepared.check()
     with claimed(folder):

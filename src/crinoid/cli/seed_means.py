@@ -26,7 +26,7 @@ from crinoid.view.figures.measures import (
     unit_of,
 )
 from crinoid.view.figures.study import short_keys
-from crinoid.view.figures.style import Unit, largest
+from crinoid.view.figures.units import Unit, largest
 
 _MOST_ROWS, _MOST_ACROSS = 24, 8
 _FEW, _FEW_EXTREMES = 3, 2

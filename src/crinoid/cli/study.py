@@ -27,7 +27,7 @@ from crinoid.cli.folder import check_replaced, claimed, clear, contains
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.cli.run import find_earlier, is_complete, play_case, trouble
 from crinoid.cli.seed_means import SeedTables
-from crinoid.compilation import keep_programs, make_room
+from crinoid.compilation import make_room
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
 from crinoid.results.metrics import (
@@ -42,7 +42,7 @@ from crinoid.results.metrics import (
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
-from crinoid.studies.sweep import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign
 
 _MOST_HELD = 20_000_000
 """Numbers that cases keep in memory at most from their check to their run."""
@@ -56,7 +56,6 @@ def run_study(scenario: Scenario, folder: Path, *, resume: bool, force: bool) ->
     They are the runs of a sweep, in this process and with whole results. All are checked before
     anything is written. A case that fails or is refused then does not stop the others.
     """
-    keep_programs()
     plan = SweepDesign(scenario.with_values({}), scenario.vary)
     odd: dict[str, list[str]] = {}
     ready: dict[str, Prepared] = {}

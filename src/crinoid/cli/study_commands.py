@@ -1,5 +1,6 @@
 """The commands of many runs: comparison, tuning, identification, optimisation, sweep, training."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +11,7 @@ from crinoid.cli.command import (
     Force,
     ScenarioName,
     Settings,
+    at_least,
     complete_key,
     end,
     folder_for,
@@ -37,13 +39,33 @@ def compare(
     force: Force = False,
 ) -> None:
     """Run a scenario under several controllers over several seeds, and compare them."""
+    kinds, every = _kinds_of(controllers), range(first_seed, first_seed + seeds)
+    at_least(1, {"--seeds": seeds})
+    at_least(0, {"--first-seed": first_seed})
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-compare", settings)
     with Loading():
-        from crinoid.cli.compare import compare_controllers, kinds_of, seeds_of
+        from crinoid.cli.compare import compare_controllers
 
-    kinds, every = kinds_of(controllers), seeds_of(seeds, first_seed)
     end(compare_controllers(described, kinds, every, folder, force=force))
+
+
+def _kinds_of(text: str) -> list[str]:
+    """Return the kinds of controllers in a list with commas."""
+    from crinoid.scenario.control import KINDS
+    from crinoid.scenario.errors import got, one_of, refusal, shown
+    from crinoid.scenario.kinds import installed
+
+    kinds = [kind.strip() for kind in text.split(",")]
+    known = [kind for kind in (*KINDS, *installed("controllers")) if kind != "custom"]
+    for kind in kinds:
+        if kind not in known:
+            text = got(kind, f"be {one_of(known)}, separated by commas")
+            raise refusal("--controllers", text)
+        if kinds.count(kind) > 1:
+            text = f"got {shown(kind)} twice; must name each controller once"
+            raise refusal("--controllers", text)
+    return kinds
 
 
 @one_line_errors()
@@ -57,6 +79,11 @@ def tune(
     force: Force = False,
 ) -> None:
     """Tune a PID, LQG or MPC by gradient, over several seeds: each number by up to 1000 times."""
+    from crinoid.scenario.errors import got, refusal
+
+    if not 0 <= margin < 1:
+        raise refusal("--margin", got(margin, "be at least 0 (no margin) and below 1"))
+    at_least(1, {"--seeds": seeds, "--iterations": iterations})
     text = load_text(scenario, settings)
     folder = folder_for(out, scenario, "-tune", settings)
     with Loading():
@@ -90,13 +117,30 @@ def identify(
     force: Force = False,
 ) -> None:
     """Find stiffness, damping, drag and other numbers from recorded motions and holds."""
+    from crinoid.scenario.errors import refusal
+
+    keys = [each for each in (part.strip() for part in of.split(",")) if each]
+    if not keys:
+        hint = "Name keys of numbers, such as arm.youngs_modulus,water.drag_normal."
+        raise refusal("--of", f"got no key. {hint}")
+    _require_record(record)
     text = load_text(scenario, settings)
     folder = folder_for(out, scenario, "-identify", settings)
     with Loading():
+        from crinoid.inverse.unknowns import Unknowns
+
+    unknowns = Unknowns(text.scenario, keys)
+    with Loading():
         from crinoid.cli.inverse import identify_numbers
 
-    keys = [each for each in (part.strip() for part in of.split(",")) if each]
-    end(*identify_numbers(text, record, keys, folder, force=force))
+    end(*identify_numbers(text, record, unknowns, folder, force=force))
+
+
+def _require_record(record: Path) -> None:
+    from crinoid.scenario.errors import refusal
+
+    if not record.exists():
+        raise refusal("RECORD", f"{record}: no such file")
 
 
 @one_line_errors()
@@ -116,6 +160,7 @@ def estimate(
     force: Force = False,
 ) -> None:
     """Estimate tip, shape and current from a log, with their standard deviations."""
+    _require_record(record)
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-estimate", settings)
     with Loading():
@@ -153,12 +198,17 @@ def optimise(
     force: Force = False,
 ) -> None:
     """Find the best numbers of arm, actuators, base or gains for a measure, within limits."""
+    at_least(1, {"--seeds": seeds, "--trials": trials})
     text = load_text(scenario, settings)
     folder = folder_for(out, scenario, "-optimise", settings)
     with Loading():
+        from crinoid.inverse.ranges import Ranges
+
+    ranges = Ranges(text.scenario, over)
+    with Loading():
         from crinoid.cli.optimise import optimise_numbers
 
-    given = text, over, measure, keep or (), seeds, trials, folder
+    given = text, ranges, measure, keep or (), seeds, trials, folder
     end(*optimise_numbers(*given, rest=rest, force=force))
 
 
@@ -218,21 +268,25 @@ def sweep(
     force: Force = False,
 ) -> None:
     """Run a scenario with many values and seeds, on all cores or on a cluster."""
+    at_least(1, {"--workers": workers})
+    if workers is not None and scheduler is not None:
+        stop("--workers: excludes --scheduler. Leave it out; the scheduler has its own workers.")
+    if dry_run and (resume or force or weights is not None):
+        text = "excludes --resume, --force and --weights. Leave them out; it writes nothing."
+        stop(f"--dry-run: {text}")
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-sweep", settings)
     with Loading():
-        from crinoid.cli.sweep import WorkerOptions, estimate_sweep, run_sweep
-        from crinoid.studies.sweep import SweepDesign
+        from crinoid.studies.sweep.plan import SweepDesign
 
     plan = SweepDesign.of(
         described, vary or (), sampling=sample, count=count, seeds=seeds, batch=batch
     )
+    with Loading():
+        from crinoid.cli.sweep import WorkerOptions, estimate_sweep, run_sweep
+
     options = WorkerOptions(workers, scheduler)
-    options.check()
     if dry_run:
-        if resume or force or weights is not None:
-            text = "excludes --resume, --force and --weights. Leave them out; it writes nothing."
-            stop(f"--dry-run: {text}")
         estimate_sweep(plan, options)
         return
     run = partial(run_sweep, sized=batch is not None, resume=resume, force=force)
@@ -264,14 +318,17 @@ def train(
     force: Force = False,
 ) -> None:
     """Train a neural policy in simulation."""
+    with Loading():
+        from crinoid.learning.settings import TrainingSettings, drawn_keys
+
+    how = TrainingSettings(method, teacher, arms, updates, seed)
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-train", settings)
+    how = replace(how, draw=drawn_keys(described, draw))
     try:
         with Loading():
-            from crinoid.cli.train import drawn_keys, train_policy
-            from crinoid.learning.settings import TrainingSettings as How
+            from crinoid.cli.train import train_policy
     except ImportError as error:
         stop(f'training needs {error.name or "Gymnasium"}: pip install "crinoid[learn]"')
 
-    how = How(method, teacher, arms, updates, seed, drawn_keys(described, draw))
     end(train_policy(described, how, folder, resume=resume, force=force))

@@ -31,25 +31,18 @@ from crinoid.cli.finding import checked_runs, page_in
 from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
-from crinoid.compilation import keep_programs
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
 from crinoid.results.metrics import CASES, measures_of
-from crinoid.scenario import counted, got, refusal, shown
+from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
 from crinoid.simulation.batch import cores
-from crinoid.studies.sweep import (
-    PLAN,
-    SweepDesign,
-    SweepStore,
-    WorkerPool,
-    WorkerPoolError,
-    has_zarr,
-    run_batches,
-)
+from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
+from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
+from crinoid.studies.sweep.store import SweepStore, has_zarr
 from crinoid.view.figures.measures import head_of, main_measures, unit_for
-from crinoid.view.figures.style import length_unit
+from crinoid.view.figures.units import length_unit
 
 _MOST_TRIED = 1000
 """Values of a key that are tried before a sweep starts."""
@@ -69,14 +62,6 @@ class WorkerOptions(NamedTuple):
 
     workers: int | None
     scheduler: str | None
-
-    def check(self) -> None:
-        """Refuse impossible options."""
-        if self.workers is not None and self.scheduler is not None:
-            text = "excludes --scheduler. Leave it out; the scheduler has its own workers."
-            raise refusal("--workers", text)
-        if self.workers is not None and self.workers < 1:
-            raise refusal("--workers", got(self.workers, "be at least 1"))
 
     @property
     def number(self) -> int:
@@ -120,7 +105,7 @@ def run_sweep(
     there = store.files()
     known = resume and PLAN in there
     if known:
-        earlier = store.read_plan()
+        earlier = read_plan(folder)
         asked = (plan if sized else replace(plan, batch=earlier.batch)).to_dict()
         differing = [key for key, value in earlier.to_dict().items() if value != asked[key]]
         if differing:
@@ -219,7 +204,8 @@ def _run(
     def report(saved: int) -> None:
         if bar.tasks[0].total is None:  # the time left is that of the present runs
             bar.reset(task, total=plan.runs, completed=saved, description="sweep")
-        bar.update(task, completed=saved, reached=f"{saved} of {plan.runs} runs")
+        reached = f"{saved} of {plan.runs} runs{'' if saved else ', compiling first'}"
+        bar.update(task, completed=saved, reached=reached)
 
     try:
         return run_batches(plan, store, pool, done, report, stop, lambda text: say_notes([text]))
@@ -298,7 +284,6 @@ def estimate_sweep(plan: SweepDesign, options: WorkerOptions) -> None:
         pool = open_pool(options)
         workers = sum(pool.workers().values())
         pool.close()
-    keep_programs()
     with console.status("timing the first run"):
         _play(plan, 0.0)  # compiling does not count
         started = time.perf_counter()

@@ -1,6 +1,5 @@
 """Training of a policy: progress, its files, and a table."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,32 +12,13 @@ from crinoid.cli.finding import finding, solvable
 from crinoid.cli.folder import check_own, clear_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
-from crinoid.learning.settings import TrainingSettings, default_randomization
+from crinoid.learning.settings import TrainingSettings
 from crinoid.learning.training import EVALUATION_INTERVAL, Training, checkpoint_header
 from crinoid.results.result import TRAINING
-from crinoid.scenario import Scenario, got, refusal
+from crinoid.scenario import Scenario, refusal
 from crinoid.view.export.source import exports_of
 
 CHECKPOINT = "training.npz"
-
-
-def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tuple[float, float]]:
-    """Return the keys that episodes draw, with the smallest and the largest value of each."""
-    if not given:
-        return default_randomization(scenario)
-    found: dict[str, tuple[float, float]] = {}
-    for each in given:
-        key, _, pair = (part.strip() for part in each.partition("="))
-        try:
-            low, high = map(float, pair.split(":"))
-        except ValueError:
-            text = got(each, "be KEY=LOW:HIGH, such as arm.youngs_modulus=3e6:5e6")
-            raise refusal("--draw", text) from None
-        if low > high or key in found:
-            must = "have the smaller number first" if low > high else "name each key once"
-            raise refusal("--draw", got(each, must))
-        found[key] = low, high
-    return found
 
 
 def train_policy(

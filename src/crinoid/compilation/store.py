@@ -3,8 +3,6 @@
 import functools
 import hashlib
 import io
-import json
-import logging
 import os
 import pickle
 import platform
@@ -14,7 +12,6 @@ import time
 import types
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,7 +60,6 @@ def settings() -> tuple[Any, ...]:
     return (*found, os.environ.get("XLA_FLAGS"))
 
 
-@functools.lru_cache(256)  # pickling may take longer than the program itself
 def key_of(
     function: Callable[..., Any],
     options: tuple[tuple[str, Any], ...],
@@ -71,25 +67,16 @@ def key_of(
     form: tuple[Any, ...],
     around: tuple[Any, ...],
 ) -> bytes:
-    """Return the key of a compiled program: digest of all that its code depends on.
+    """Return the key of a compiled program: a digest of all that its code depends on.
 
-    It is a digest of all that the compiled code depends on: the source of crinoid, the versions of
-    the packages below it, the processor, the settings of JAX and XLA, the options of XLA, and the
-    arguments except the numbers in their arrays.
-
-    Parameters
-    ----------
-    function, options
-        The function and the options of XLA.
-    tree, form
-        Structure of the arguments; for each leaf its kind if it is an array, else its type and
-        value, as 1 equals 1.0 and True.
-    around
-        `settings`.
+    That is the source of crinoid, the versions of the packages below it, the processor, the
+    settings of JAX and XLA (``around``), the options of XLA, and the arguments except the numbers
+    in arrays. Their ``form`` has the kind of each leaf that is an array, and of others the type and
+    the value, as 1 equals 1.0 and True.
     """
     if not _is_sound(function):
         raise UncacheableError
-    leaves = [each[1] if isinstance(each, tuple) else Slot(_words(each)) for each in form]
+    leaves = [each[1] if isinstance(each, tuple) else Slot(repr(each)) for each in form]
     text = io.BytesIO()
     try:
         name = f"{function.__module__}.{function.__qualname__}"
@@ -98,10 +85,19 @@ def key_of(
         pickler.dump((name, options, jax.tree.unflatten(tree, leaves)))
     except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
         raise UncacheableError from error
+    return _digest(_sources(), around, text.getvalue())
+
+
+def key_of_operations(text: str, options: tuple[tuple[str, Any], ...], around: Any) -> bytes:
+    """Return the key of a program by its operations, which also tell what a user's classes do."""
+    return _digest(repr(options).encode(), around, text.encode())
+
+
+def _digest(first: bytes, around: Any, text: bytes) -> bytes:
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
-    found = hashlib.sha256(_surroundings())
-    found.update(repr((_names(), around, devices)).encode())
-    found.update(text.getvalue())
+    found = hashlib.sha256(repr((_machine(), _names(), around, devices)).encode())
+    for part in (first, text):
+        found.update(hashlib.sha256(part).digest())
     return found.digest()
 
 
@@ -116,10 +112,6 @@ class _Pickler(pickle.Pickler):
             raise UncacheableError
 
 
-def _words(kind: Any) -> str:
-    return f"{kind.dtype}{kind.shape}{'*' if kind.weak_type else ''}"
-
-
 @functools.cache
 def _names() -> tuple[str, ...]:
     """Return the names of the JAX settings that may change a program."""
@@ -132,13 +124,16 @@ def _is_sound(named: Any) -> bool:
 
 
 @functools.cache
-def _surroundings() -> bytes:
-    """Return a digest of the sources, the packages below them, and the machine."""
-    found = hashlib.sha256()
+def _machine() -> tuple[Any, ...]:
+    """Return the versions of the packages below crinoid's own code, and the machine."""
     versions = [version.__version__, *(each.__version__ for each in (eqx, jax, jaxlib, np))]
-    found.update(
-        repr((versions, sys.version, sys.platform, platform.machine(), _processor())).encode()
-    )
+    return versions, sys.version, sys.platform, platform.machine(), _processor()
+
+
+@functools.cache
+def _sources() -> bytes:
+    """Return a digest of the sources of crinoid."""
+    found = hashlib.sha256()
     for path in sorted(_SOURCE.rglob("*.py")):
         if path.stat().st_mtime > _IMPORT_TIME:
             raise UncacheableError  # changed since it was imported
@@ -149,21 +144,22 @@ def _surroundings() -> bytes:
 def _processor() -> list[str]:
     """Return the features of the processor, or the name of the machine if they are unknown."""
     try:
-        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
-            first = file.read(1 << 14).partition("\n\n")[0]
+        first = Path("/proc/cpuinfo").read_text("utf-8", "replace").partition("\n\n")[0]
     except OSError:
         first = ""
     lines = [line for line in first.splitlines() if line.startswith(_CPU)]
     return lines or [platform.processor(), platform.node()]
 
 
-_SUFFIX = ".program"
-_TIMES = "times.json"
-_MARK = b"crinoid program\n"
 _MOST_BYTES = 500_000_000
 """Total size of files beyond which the least recently used are deleted."""
+_PATIENCE = 60.0
+"""Time after which a process no longer waits for another one that compiles (s)."""
+_DIGEST = 32
+"""Bytes of a digest."""
 
 
+@dataclass(frozen=True)
 class Store:
     """Folder of files by keys.
 
@@ -171,9 +167,7 @@ class Store:
     to another user or is open to others, and a damaged, truncated or misplaced file is ignored.
     """
 
-    def __init__(self, folder: Path, most_bytes: int = _MOST_BYTES) -> None:
-        self.folder = folder
-        self._most_bytes = most_bytes
+    folder: Path
 
     def read(self, key: bytes) -> bytes | None:
         """Return the content under a key, None if there is none that can be trusted."""
@@ -185,11 +179,11 @@ class Store:
             with open(os.open(path, os.O_RDONLY | _AS_IT_IS), "rb") as file:
                 if not _is_private(os.fstat(file.fileno()), stat.S_ISREG):
                     return None
-                head, content = file.read(len(_head(key, b""))), file.read()
+                digest, content = file.read(_DIGEST), file.read()
             os.utime(path)  # recently used
         except OSError:
             return None
-        return content if head == _head(key, content) else None
+        return content if digest == _seal(key, content) else None
 
     def write(self, key: bytes, content: bytes) -> None:
         """Save content under a key if possible, and delete the least recently used files."""
@@ -197,122 +191,55 @@ class Store:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if _is_private(self.folder.lstat(), stat.S_ISDIR):
                 with atomic_write(self._path(key), private=True) as temporary:
-                    temporary.write_bytes(_head(key, content) + content)
+                    temporary.write_bytes(_seal(key, content) + content)
                 self._make_room()
 
     @contextmanager
     def claim(self, key: bytes) -> Iterator[None]:
-        """Lock a key against other processes that compile it, unless they do not get ready."""
+        """Lock a key against other processes that compile it, unless one takes very long.
+
+        The system unlocks it where a process dies.
+        """
         lock = filelock.FileLock(self.folder / f"{key.hex()[:2]}.lock")
-        with suppress(OSError, NotImplementedError):  # without a lock several may compile it
+        with suppress(OSError, NotImplementedError, filelock.Timeout):  # then several compile it
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            _acquire(lock)
+            lock.acquire(timeout=_PATIENCE)
         try:
             yield
         finally:
             lock.release()
 
-    def time_of(self, name: str) -> float | None:
-        """Return the last compile time of a program by its name (s)."""
-        try:
-            return float(json.loads((self.folder / _TIMES).read_text("utf-8"))[name])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
-
-    def keep_time(self, name: str, seconds: float) -> None:
-        """Save the compile time of a program by its name."""
-        times, path = {}, self.folder / _TIMES
-        with suppress(OSError, ValueError):
-            times = json.loads(path.read_text("utf-8"))
-        with suppress(OSError), atomic_write(path, private=True) as temporary:
-            temporary.write_text(json.dumps(dict(times) | {name: round(seconds, 1)}), "utf-8")
-
-    def holds(self, key: bytes) -> bool:
-        """Return whether there is a file under a key, valid or not."""
-        return os.path.exists(self._path(key))
-
-    def remove(self, key: bytes) -> None:
-        """Delete the file under a key."""
-        with suppress(OSError):
-            self._path(key).unlink()
-
     def _path(self, key: bytes) -> Path:
-        return self.folder / f"{key.hex()}{_SUFFIX}"
+        return self.folder / f"{key.hex()}.program"
 
     def _make_room(self) -> None:
         """Delete the least recently used files, but never the last one."""
-        found = []
-        for path in self.folder.iterdir():
-            with suppress(OSError):  # another process may have removed it
-                status = path.stat()
-                found.append((status.st_mtime, status.st_size, path))
-        size = sum(each for _, each, _ in found)
-        for _, each, path in sorted(found)[:-1]:
-            if size > self._most_bytes:
-                with suppress(OSError):
+        size = 0
+        with suppress(OSError):  # another process may have removed one
+            found = [(path.stat(), path) for path in self.folder.iterdir()]
+            for status, path in sorted(found, key=lambda each: -each[0].st_mtime):
+                size += status.st_size
+                if size > _MOST_BYTES and size > status.st_size:
                     path.unlink()
-                size -= each
 
 
-STORE: ContextVar[Store | None] = ContextVar("STORE", default=None)
-"""Store of this context, if programs are kept."""
-
-
-def keep_programs() -> None:
-    """Save compiled programs from now on, so that later processes need not compile them.
+@functools.cache
+def opened() -> Store | None:
+    """Return the store of this process, decided at the first use; None if programs are not kept.
 
     The folder is the user's cache folder, or ``crinoid`` in ``JAX_COMPILATION_CACHE_DIR`` if set.
-    ``JAX_ENABLE_COMPILATION_CACHE = false`` disables it. Programs belong to the files of
-    crinoid: do not use this in a process that changes crinoid's functions or constants.
+    ``JAX_ENABLE_COMPILATION_CACHE = false`` disables it.
     """
-    chosen = jax.config.values["jax_compilation_cache_dir"]
-    own = cache_folder(chosen)
-    kept = jax.config.values["jax_enable_compilation_cache"]
-    STORE.set(Store(own / "programs") if kept else None)
-    if kept and not chosen:
-        # for programs that depend on classes of the user, of which many compile quickly
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        with suppress(OSError):
-            folder = own / "jax"
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if _is_private(folder.lstat(), stat.S_ISDIR):
-                jax.config.update("jax_compilation_cache_dir", str(folder))
-                jax.config.update("jax_compilation_cache_max_size", _MOST_BYTES)
-
-
-_SAID, _PATIENCE = 5.0, 300.0
-"""Time after which a process reports that it waits, and time after which it stops waiting (s)."""
-_LOGGER = logging.getLogger(__name__)
-
-
-def _acquire(lock: filelock.BaseFileLock) -> None:
-    """Acquire a lock, or raise a `filelock.Timeout`."""
-    try:
-        lock.acquire(timeout=_SAID)
-    except filelock.Timeout:
-        holder, stopped = _holder(Path(lock.lock_file))
-        does = "is stopped, and is not waited for" if stopped else "compiles too: waiting for it"
-        _LOGGER.warning(f"crinoid: {holder} {does}")
-        lock.acquire(timeout=0 if stopped else _PATIENCE)
-
-
-def _holder(path: Path) -> tuple[str, bool]:
-    """Return the process that locks a file, and whether it is stopped; both known on Linux only."""
-    try:
-        inode = f":{path.stat().st_ino}"
-        locks = map(str.split, Path("/proc/locks").read_text().splitlines())
-        number = next(of[4] for of in locks if of[1] == "FLOCK" and of[5].endswith(inode))
-        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
-    except (OSError, IndexError, StopIteration):
-        return "another process", False
-    return f"process {number}", state == "T"
+    if not setting("jax_enable_compilation_cache"):
+        return None
+    return Store(cache_folder(setting("jax_compilation_cache_dir")) / "programs")
 
 
 _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
 
-def _head(key: bytes, content: bytes) -> bytes:
-    return _MARK + hashlib.sha256(key).digest() + hashlib.sha256(content).digest()
+def _seal(key: bytes, content: bytes) -> bytes:
+    return hashlib.sha256(key + content).digest()
 
 
 def _is_private(found: os.stat_result, is_kind: Callable[[int], bool]) -> bool:

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
+from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import System
 from crinoid.elements import AddedMass
 from crinoid.foundation.axes import CHANNELS
@@ -35,9 +36,8 @@ def unresolved_vibrations(
     commands (m/s2). The note compares medians of the second half of a run, which ignore a hit or a
     load that jumps.
     """
-    own, step = float(system.forces.mass), float(system.time_step)
-    waters = [each for each in system.forces.elements if isinstance(each, AddedMass)]
-    swung = own + sum(float(each.normal @ each.displaced.sum(axis=(1, 2))) for each in waters)
+    own, swung, by_change = map(float, _inertia(system))
+    step = float(system.time_step)
     share = np.convolve(np.diff(dataset["arc_length"]), [0.5, 0.5])
     touched = [name for name in ("contact_force",) if name in dataset]
     parts = []
@@ -50,8 +50,7 @@ def unresolved_vibrations(
         fastest = np.linalg.norm(acceleration - acceleration[:, :1], axis=2).max(axis=1)
         parts.append([loads.min(axis=0), inertia, np.linalg.norm(base, axis=1), fastest])
     loads, inertia, force, fastest = np.concatenate(parts, axis=1)
-    by_change = system.integrator.error(jnp.zeros((1, 1)), jnp.ones((1, 1)), system.time_step)
-    change = dataset["step_error"].values / max(abs(float(by_change[0, 0])), 1e-300)
+    change = dataset["step_error"].values / max(abs(by_change), 1e-300)
     late = slice(len(loads) // 2, None)
     rung = np.where(change > fastest + 2 * jumps, inertia, 0.0)
     rings, whole = np.median([rung[late], force[late]], axis=1)
@@ -64,6 +63,16 @@ def unresolved_vibrations(
             f"simulation.time_step = {step / 10:.3g}{damped}."
         )
     return (step * float(np.median(loads))) ** 2 / (2 * own), note
+
+
+@compiled(**ONCE)
+def _inertia(system: System) -> tuple[Array, Array, Array]:
+    """Return the mass, that with added mass, and the error of a step per change of acceleration."""
+    own = system.forces.mass
+    waters = [each for each in system.forces.elements if isinstance(each, AddedMass)]
+    swung = own + sum(each.normal @ each.displaced.sum(axis=(1, 2)) for each in waters)
+    error = system.integrator.error(jnp.zeros((1, 1)), jnp.ones((1, 1)), system.time_step)
+    return own, swung, error[0, 0]
 
 
 _AT_END = 1e-3

@@ -89,6 +89,8 @@ class Identification:
             text = "does not affect the motion. Name a parameter of arm, water or actuators."
             raise ScenarioError([Mistake(key, text) for key in idle])
         self.trials = 0
+        self.total = (1 + len(_SHARES) + _ROUNDS) * _TRIALS
+        """Largest number of trials."""
         self.failure = ""
         """Why the first run failed; empty if it did not."""
         self.before: _Fit | None = None
@@ -119,6 +121,8 @@ class Identification:
             self.weights.append(RecordWeights(experiment, first))
             runs.append(experiment.compare(first))
         self.before = self.found = _Fit(none, runs, self._cost(runs))
+        self._latest, self.trials = (none.tobytes(), runs), 1
+        report(1, self.found.cost)
         self._check(runs)
         moves = any(each.record.holds is None for each in self.experiments)
         try:

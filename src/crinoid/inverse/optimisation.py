@@ -21,7 +21,7 @@ from crinoid.inverse.goal import Goal
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
 from crinoid.inverse.smooth_measures import SMOOTH
-from crinoid.inverse.threads import results, submit
+from crinoid.inverse.threads import results
 from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError, refusal
@@ -132,6 +132,9 @@ class Optimisation:
         ):
             if not np.isfinite(values).all():
                 raise refusal(option, f"{name} is not a number in this run. Name another measure.")
+        start = self.ranges.start
+        if np.allclose([*self.ranges.values(start).values()], self.ranges.given):
+            self._keep(Trial(start, 0, self.given))  # what an early interruption saves
         if self.scenario.control.kind != "none" and self.scenario.control.compare:
             self.runs.settings["control.compare"] = False
             (alone,) = self.runs([self.scenario])
@@ -153,6 +156,8 @@ class Optimisation:
         scenarios = [self._scenario(point) for point in points]
         runs = self.runs(scenarios, self.seeds[:1])[..., 0]
         slopes = (runs[1:] - runs[0]).T / steps
+        if self._stop():  # compiling the derivatives takes long
+            raise StoppedError
         try:
             self._loops = [
                 SmoothLoop(self.scenario, self.ranges, seed, rest=self.rest) for seed in self.seeds
@@ -182,7 +187,7 @@ class Optimisation:
         with ThreadPoolExecutor(STARTS) as pool:
             try:
                 results(
-                    [submit(pool, self._descend, *each, scale) for each in enumerate(starts)],
+                    [pool.submit(self._descend, *each, scale) for each in enumerate(starts)],
                     self._poll,
                 )
             except BaseException:

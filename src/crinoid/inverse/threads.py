@@ -1,20 +1,13 @@
-"""Threads of a search: calls in a pool, and their results while progress is reported."""
+"""Threads of a search: their results, while progress is reported."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
-from contextvars import copy_context
-from typing import Any, TypeVar
+from concurrent.futures import FIRST_EXCEPTION, Future, wait
+from typing import TypeVar
 
 _POLL = 0.1
 """Time between two checks of the threads (s)."""
 
 T = TypeVar("T")
-
-
-def submit(pool: ThreadPoolExecutor, call: Callable[..., T], *arguments: Any) -> Future[T]:
-    """Call a function in a thread of a pool."""
-    # a thread has its own context, in which compiled programs would not be cached
-    return pool.submit(copy_context().run, call, *arguments)
 
 
 def results(futures: Sequence[Future[T]], poll: Callable[[], None]) -> list[T]:

@@ -31,7 +31,7 @@ from crinoid.inverse.gain_design import (
     tunable_numbers,
 )
 from crinoid.inverse.gain_search import GainTrial, StabilityConstraint, bounds, descend, nearest
-from crinoid.inverse.threads import results, submit
+from crinoid.inverse.threads import results
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Loop, closed_loop
@@ -128,10 +128,8 @@ class Tuning:
 
     def run(self, report: Report, stop: Callable[[], bool]) -> None:
         """Search for `best`, the logarithms of the best parameters over the initial ones."""
-        controllers = self._design.perturbations(self.best)
-        if self._stability is not None:
-            self._stability.excess(controllers, self.margin)
-        self._costs(controllers, self.draws[:1], lambda: False)  # compiles for all
+        # compiles for all, and is what an early interruption saves
+        given = self._trial(0, self.best, _FIRST * self.margin)
 
         def poll() -> None:
             report(int(self.trials.sum()), self.total, self.least)
@@ -141,23 +139,28 @@ class Tuning:
         with ThreadPoolExecutor(len(STARTS)) as pool:
             try:
                 starts = range(len(STARTS))
-                found = results([submit(pool, self._search, start) for start in starts], poll)
+                found = results([pool.submit(self._search, start, given) for start in starts], poll)
                 best = min(starts, key=lambda start: found[start][0])
                 if self._stability is not None and np.isfinite(found[best][0]):
-                    results([submit(pool, self._refine, best, found[best][1])], poll)
+                    results([pool.submit(self._refine, best, found[best][1])], poll)
             finally:
                 self._stopped.set()
 
-    def _search(self, start: int) -> _Found:
-        """Search from one start; return the best value with the margin, and its logarithms."""
+    def _search(self, start: int, given: GainTrial) -> _Found:
+        """Search from one start; return the best value with the margin, and its logarithms.
+
+        ``given`` is the trial of the given values, which is not run again.
+        """
         best: _Found = np.inf, self.best
 
         def attempt(logs: Logs) -> GainTrial:
             nonlocal best
-            if self.trials[start] == self.first:
-                self._limited[start] = True
-                raise StopIteration
-            found = self._trial(start, logs, _FIRST * self.margin)
+            found = given
+            if logs.any():
+                if self.trials[start] == self.first:
+                    self._limited[start] = True
+                    raise StopIteration
+                found = self._trial(start, logs, _FIRST * self.margin)
             if found.stable and found.penalised < best[0]:
                 best = found.penalised, logs.copy()
             return found
@@ -240,7 +243,7 @@ class Tuning:
             found = cost(nominal, slopes, draw.loop, draw.state, self._weights, steps)
             return jax.tree.map(np.asarray, found)
 
-        futures = [submit(self._pool, run, draw) for draw in draws]
+        futures = [self._pool.submit(run, draw) for draw in draws]
 
         def poll() -> None:
             if stop():

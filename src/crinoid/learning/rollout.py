@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -264,8 +263,7 @@ class Learners:
             stacked = jax.tree.map(lambda *same: jnp.stack(same), *arms)
             found = _batched(program.function, shared, stacked)
             return [jax.tree.map(lambda x, row=row: x[row], found) for row in range(len(arms))]
-        # a thread has its own context, in which compiled programs would not be cached
-        futures = [self._pool.submit(copy_context().run, program, shared, arm) for arm in arms]
+        futures = [self._pool.submit(program, shared, arm) for arm in arms]
         return [future.result() for future in futures]
 
 

@@ -1,9 +1,9 @@
 """Settings of a training, and default ranges of what its episodes draw."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, refusal
 from crinoid.scenario.errors import got
 
 METHOD = "gradient"
@@ -76,3 +76,22 @@ def default_randomization(scenario: Scenario) -> dict[str, tuple[float, float]]:
                 low, high = sorted(((1 - spread) * number, (1 + spread) * number))
                 ranges[name] = low, high
     return ranges
+
+
+def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tuple[float, float]]:
+    """Return the keys that episodes draw, with the smallest and the largest value of each."""
+    if not given:
+        return default_randomization(scenario)
+    found: dict[str, tuple[float, float]] = {}
+    for each in given:
+        key, _, pair = (part.strip() for part in each.partition("="))
+        try:
+            low, high = map(float, pair.split(":"))
+        except ValueError:
+            text = got(each, "be KEY=LOW:HIGH, such as arm.youngs_modulus=3e6:5e6")
+            raise refusal("--draw", text) from None
+        if low > high or key in found:
+            must = "have the smaller number first" if low > high else "name each key once"
+            raise refusal("--draw", got(each, must))
+        found[key] = low, high
+    return found

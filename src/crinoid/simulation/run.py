@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
 
 from crinoid.assembly.actuators import ActuatorParameters
 from crinoid.assembly.plan import AssembledScenario, Parts
@@ -164,7 +164,7 @@ def play(
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
     with CtrlC() if stop is None else nullcontext(stop) as asked:
-        setup = set_up(prepared, steps, notes=notes)
+        setup = set_up(prepared, notes=notes)
         if tell is not None and setup.loop_warnings:
             tell(setup.loop_warnings)
         path = None if into is None else into / RESULT
@@ -180,7 +180,7 @@ def play(
 
 def without_control(setup: Setup) -> Setup:
     """Return the same case with the controller off."""
-    loop = eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
+    loop = eqx.tree_at(lambda loop: loop.enabled, setup.loop, jax.device_put(np.asarray(False)))
     return setup._replace(loop=loop, loop_warnings=[])
 
 
@@ -206,6 +206,7 @@ def _run(
 ) -> Result:
     scenario, loop = setup.prepared.scenario, setup.loop
     stride, run_chunk = scenario.output_steps, chunk_program(steps_in_all)
+    every = jax.device_put(np.asarray(stride))
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = begin(loop, setup.state)
     build = dataset_builder(setup)
@@ -219,17 +220,14 @@ def _run(
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
     if done < total and not trouble:
         # a chunk without steps compiles, so that the wall time leaves it out
-        jax.block_until_ready(
-            run_chunk(loop, carry, carry.steps, jnp.asarray(stride, int), CAPACITY)
-        )
+        jax.block_until_ready(run_chunk(loop, carry, carry.steps, every, CAPACITY))
     started = time.perf_counter() - spent
     while done < total and not (trouble or failed or stop()):
         chunk_begun = time.perf_counter()
         steps = min(chunk, total - done, stride * CAPACITY)
         done += steps
-        carry, kept, new, outcome = run_chunk(
-            loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), CAPACITY
-        )
+        end = jax.device_put(np.asarray(done))
+        carry, kept, new, outcome = run_chunk(loop, carry, end, every, CAPACITY)
         sink.append(kept.first(int(new)))
         took = time.perf_counter() - chunk_begun
         chunk = max(1, int(min(steps * _CHUNK_SECONDS / took, 16 * chunk)))

@@ -1,9 +1,7 @@
 """From a scenario to a closed loop that is ready to run."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,10 +25,8 @@ from crinoid.dynamics import (
     System,
     find_modes,
 )
-from crinoid.foundation.axes import POSE
 from crinoid.results.metrics import measures_of
 from crinoid.scenario import Scenario
-from crinoid.simulation.chunk import CAPACITY, chunk_program, start_loop
 from crinoid.simulation.frequency_response import Plant
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.loop_margin import OpenLoop, loop_warnings
@@ -56,17 +52,15 @@ class Setup(NamedTuple):
     """Notes on the closed loop."""
 
 
-def set_up(prepared: Prepared, steps: int | None = None, *, notes: bool = True) -> Setup:
+def set_up(prepared: Prepared, *, notes: bool = True) -> Setup:
     """Assemble the loop of a scenario and find the arm's state at the start.
 
-    Where the time ``steps`` of all such runs are given, their program is compiled ahead. Without
-    ``notes`` neither the scenario nor its loop is judged, which costs more than all the rest.
+    Without ``notes`` neither the scenario nor its loop is judged, which costs more than all the
+    rest.
     """
     warnings = plausibility_warnings(prepared) if notes else []
     prepared.check()
     measures_of(prepared.scenario)  # refuses those that are in no package, before any run
-    if steps is not None:
-        compile_ahead(prepared, steps)
     scenario, system, facts = prepared.scenario, prepared.system, prepared.facts
     state, outcome = find_state(system, scenario.simulation.start == "equilibrium")
     tip, small, influence, jacobian = _find_small_motions(
@@ -142,48 +136,6 @@ def loop_about(
         enabled=jax.device_put(np.asarray(True)),
     )
     return loop, plan
-
-
-_BUILT_ALIKE = ("none", "pid", "neural")
-"""Controllers that are quick to build, and whose structure does not depend on the start."""
-
-
-def compile_ahead(
-    prepared: Prepared,
-    steps: int,
-    capacity: int = CAPACITY,
-    altered: Callable[[Loop], Loop] = lambda loop: loop,
-) -> None:
-    """Start to compile the chunks of a run, if the search for its start must be compiled too.
-
-    Compiled code depends on no number. So the chunk is compiled for an arm at zero while the
-    search for the start is compiled, and a run waits less.
-    ``steps`` are those of all runs by this program, ``capacity`` the most instants of a chunk;
-    ``altered`` turns the loop of the scenario into the one that is run.
-    """
-    scenario, parts = prepared.scenario, prepared.parts
-    own = parts is not None and (parts.controller is not None or parts.sensors)
-    if own or scenario.control.kind not in _BUILT_ALIKE:
-        return
-    system, size = prepared.system, len(POSE[scenario.arm.dimension])
-    if not find_state.will_compile(system, scenario.simulation.start == "equilibrium"):
-        return
-    state, jacobian = _zeros(eqx.filter_eval_shape(system.rest)), None
-    if is_mapped(scenario):  # by one in which every input moves all of the tip
-        jacobian = array(np.random.default_rng(0).normal(size=(size, len(system.inputs))))
-    loop, _ = loop_about(prepared, state, array(np.zeros(size)), jacobian, 1.0)
-    loop = altered(loop)
-    carry, _ = _zeros(eqx.filter_eval_shape(start_loop, loop, state))
-    chunk_program(steps).compile_ahead(loop, carry, carry.steps, carry.steps + 1, capacity)
-
-
-def _zeros(shapes: Any) -> Any:
-    """Return a tree with arrays of zeros where there are shapes."""
-
-    def zeros(leaf: Any) -> Any:
-        return np.zeros(leaf.shape, leaf.dtype) if isinstance(leaf, jax.ShapeDtypeStruct) else leaf
-
-    return jax.tree.map(zeros, shapes)
 
 
 def _open_loop(

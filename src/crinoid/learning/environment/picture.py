@@ -21,8 +21,9 @@ from crinoid.simulation import LoopState
 from crinoid.simulation.chunk import one_instant, record
 from crinoid.simulation.conclusion import dataset_builder
 from crinoid.view.figures.style import STYLE
-from crinoid.view.film.camera import CameraSettings, FilmSettings, Window, window_of
+from crinoid.view.film.camera import FilmSettings, Window, window_of
 from crinoid.view.film.picture import Picture
+from crinoid.view.film.settings import CameraSettings
 from crinoid.view.scene.scene import Scene, build_scene
 
 SIZE = (640, 480)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import tomli_w
 
-from crinoid.compilation import keep_programs, make_room
+from crinoid.compilation import make_room
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.metrics import measured
@@ -45,7 +45,6 @@ def perform(work: Work) -> list[RunOutcome]:
     """Run a batch, and return a row for each of its runs, in order."""
     if work.version != __version__:
         raise OtherVersionError(f"a worker has crinoid {__version__}, the sweep is {work.version}")
-    keep_programs()
     scenario = _read(work.scenario)
     rows: list[RunOutcome | None] = [None] * len(work.values)
     cases = {}

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import prod
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.variation import Span, combination, read_variation
 from crinoid.studies.sweep.sampling import SAMPLINGS, points_of, sample
 
+PLAN = "plan.toml"
+"""Name of the file of a plan."""
 MOST_RUNS, _MOST_FILES = 10_000_000, 100_000
 _MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
 _SAMPLE = "\0sample"
@@ -262,6 +265,20 @@ class SweepDesign:
     @cached_property
     def _samples(self) -> np.ndarray:
         return sample(self.sampling, self.count, len(self._spans), self.scenario.seed)
+
+
+def read_plan(folder: Path) -> SweepDesign:
+    """Read the plan of a sweep in a folder."""
+    path = folder / PLAN
+    try:
+        return SweepDesign.from_toml(path.read_text("utf-8"))
+    except FileNotFoundError:
+        text = "does not exist. Name the folder of a sweep."
+    except ScenarioError as error:
+        text = error.lines[0]
+    except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+        text = f"not the plan of a sweep ({' '.join(str(error).split())})"
+    raise refusal(str(path), text)
 
 
 def _check(

@@ -18,11 +18,10 @@ from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.dataset import describe
 from crinoid.results.metrics import CASES, Measures, measures_of, write_rows
-from crinoid.scenario import ScenarioError, refusal
 from crinoid.studies.batch import coordinate
 from crinoid.studies.measures import measures_dataset, tabulated
 from crinoid.studies.statistics import MEANS
-from crinoid.studies.sweep.plan import Batch, SweepDesign
+from crinoid.studies.sweep.plan import PLAN, Batch, SweepDesign
 
 
 class RunOutcome(NamedTuple):
@@ -70,7 +69,7 @@ def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
     )
 
 
-PLAN, _BATCHES = "plan.toml", "batches"
+_BATCHES = "batches"
 _ZARR, _NETCDF = "study.zarr", "study.nc"
 _DIGITS = 5
 
@@ -98,19 +97,6 @@ class SweepStore:
         """Return the names of the files of a sweep or of another study that are there."""
         names = (PLAN, _BATCHES, _ZARR, _NETCDF, CASES, MEANS)
         return [name for name in names if (self.folder / name).exists()]
-
-    def read_plan(self) -> SweepDesign:
-        """Read the plan."""
-        path = self.folder / PLAN
-        try:
-            return SweepDesign.from_toml(path.read_text("utf-8"))
-        except FileNotFoundError:
-            text = "does not exist. Name the folder of a sweep."
-        except ScenarioError as error:
-            text = error.lines[0]
-        except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
-            text = f"not the plan of a sweep ({' '.join(str(error).split())})"
-        raise refusal(str(path), text)
 
     def start(self, plan: SweepDesign) -> None:
         """Write the plan, and remove all files of another sweep."""

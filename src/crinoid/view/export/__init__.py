@@ -19,8 +19,8 @@ from crinoid.view.export.source import (
 )
 from crinoid.view.export.table import columns_of, variables_of, write_table
 from crinoid.view.export.vtkhdf import write_arm, write_bodies
+from crinoid.view.refusals import ReportError
 from crinoid.view.scene.bodies import rigid_bodies
-from crinoid.view.scene.data import ReportError
 
 __all__ = [
     "Written",

@@ -16,7 +16,7 @@ from crinoid.scenario import Scenario
 from crinoid.scenario.document import digests, rename_files
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.co_simulation import CoSimulation
-from crinoid.view.scene.data import ReportError
+from crinoid.view.refusals import ReportError
 
 _SCRIPT = Path(__file__).with_name("fmu_script.py")
 

@@ -11,8 +11,9 @@ import pygltflib
 import xarray as xr
 from jaxtyping import Float, Int
 
+from crinoid.view.refusals import ReportError
 from crinoid.view.scene.bodies import COLOURS, RigidBody
-from crinoid.view.scene.data import Points, ReportError, even_indices
+from crinoid.view.scene.data import Points, even_indices
 from crinoid.view.scene.mesh import AROUND, Mesh, Rotations, quaternions, revolve
 from crinoid.view.scene.mount import Path as Places
 from crinoid.view.scene.scene import Keyframes

@@ -12,31 +12,21 @@ from crinoid.foundation.status import Status
 from crinoid.results.chunks import chosen_pieces
 from crinoid.results.result import Result
 from crinoid.view.figures.run import RESULT, UNCONTROLLED, checked_result, read_result
-from crinoid.view.scene.data import ReportError, even_indices
+from crinoid.view.refusals import EXPORTS, ReportError, require_path
+from crinoid.view.scene.data import even_indices
 from crinoid.view.scene.mesh import Rotations, arm_attitudes
 from crinoid.view.scene.scene import Keyframes, Scene, build_scene, omission_notes
-
-_ENDINGS = {
-    "vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"),
-    "csv": (".csv",),
-    "xlsx": (".xlsx",),
-    "gltf": (".glb",),
-    "mcap": (".mcap", ".foxglove.json"),
-    "usd": (".usda",),
-    "onnx": (".onnx",),
-}
-KINDS = tuple(_ENDINGS)  # formats to export to
 
 
 def files_of(folder: Path, name: str, kind: str) -> list[Path]:
     """Return the files of an export of a result or policy with a name."""
-    return [folder / f"{name}{ending}" for ending in _ENDINGS[kind]]
+    return [folder / f"{name}{ending}" for ending in EXPORTS[kind]]
 
 
 def exports_of(file: str) -> list[str]:
     """Return the names that the exports of a result or policy have."""
     stem = Path(file).stem
-    return [f"{stem}{ending}" for kind in _ENDINGS.values() for ending in kind]
+    return [f"{stem}{ending}" for kind in EXPORTS.values() for ending in kind]
 
 
 @dataclass(frozen=True)
@@ -73,8 +63,7 @@ def find_result(path: Path) -> Path:
             hint = "Of a study, name the folder of a case."
             raise ReportError(f"{path}: contains no {RESULT}. {hint}")
         return path / RESULT
-    if not path.exists():
-        raise ReportError(f"{path}: no such file or directory")
+    require_path(path)
     return path
 
 

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from crinoid.foundation.status import Status
 from crinoid.view.figures import style
+from crinoid.view.figures.units import largest
 from crinoid.view.scene.data import in_space, is_spatial
 from crinoid.view.scene.projection import OBLIQUE, SIDE, PaperPoint, PaperPoints, View
 
@@ -241,7 +242,7 @@ def _draw(axes: Axes, mode: xr.Dataset, view: View) -> None:
     for swing, colour in ((swings[0], style.BLUE), (swings[len(swings) // 2], style.VERMILLION)):
         axes.plot(*swing.T, color=colour, marker=".", markersize=2.5)
     axes.plot(*rest[0], color=style.INK, marker="s", markersize=4.0)
-    if style.largest(in_space(mode, "shape")) < _STILL:
+    if largest(in_space(mode, "shape")) < _STILL:
         x, z = map(float, rest[len(rest) // 2])
         axes.text(x, z, " twists", color=style.INK, fontsize=8.0)
 
@@ -252,7 +253,7 @@ def _swings(mode: xr.Dataset, view: View) -> tuple[PaperPoints, PaperPoints]:
     length = np.linalg.norm(np.diff(rest.squeeze(), axis=0), axis=1).sum()
     cosine, sine = (wave(_PHASES)[:, None, None] for wave in (np.cos, np.sin))
     moved = cosine * in_space(mode, "shape") + sine * in_space(mode, "shape_quadrature")
-    moved *= _SWING * length / max(style.largest(moved), _STILL)
+    moved *= _SWING * length / max(largest(moved), _STILL)
     return view.paper(rest.squeeze()), view.paper(rest.squeeze() + moved)
 
 

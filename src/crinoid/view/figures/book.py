@@ -15,9 +15,7 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
-from crinoid.results.own_files import FIGURES
 from crinoid.results.result import TRAINING
-from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, energy_chart
@@ -49,7 +47,8 @@ from crinoid.view.figures.style import STYLE
 from crinoid.view.page.parts import PAGE
 from crinoid.view.page.study import registry_of, title_of, write_study
 from crinoid.view.page.write import write_run
-from crinoid.view.scene.data import ReportError, is_spatial
+from crinoid.view.refusals import ReportError, require_figures, require_path
+from crinoid.view.scene.data import is_spatial
 
 
 def _of(chart: Callable[[Run], Chart]) -> Callable[[Run], Figure]:
@@ -187,11 +186,8 @@ _FINDINGS = {
 
 def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
     """Draw everything that the result or study at `path` gives; see `crinoid.view.figures`."""
-    if f".{form}" not in FIGURES:
-        must = f"be {one_of(ending[1:] for ending in FIGURES)}"
-        raise ReportError(f"--format: {got(form, must)}")
-    if not path.exists():
-        raise ReportError(f"{path}: no such file or directory")
+    require_figures(form)
+    require_path(path)
     if path.is_file() and path.name in _FINDINGS:
         return _write_finding(path, out or path.parent, form)
     if path.is_file() and path.name != CASES:

@@ -16,6 +16,7 @@ from crinoid.studies.comparison import best_controller, compared_measures
 from crinoid.studies.statistics import Mean
 from crinoid.view.figures import style
 from crinoid.view.figures.measures import head_of, main_measures, unit_for
+from crinoid.view.figures.units import DEGREES, Unit, largest, si_unit
 
 _COLUMNS = 3
 _DRAWN = ("rms_error", "max_error", "within_tolerance", "rms_angle_error", "work", "max_base_force")
@@ -43,7 +44,7 @@ def draw_comparison(data: xr.Dataset) -> Figure:
     return figure
 
 
-def _panels(data: xr.Dataset) -> list[tuple[str, Float[np.ndarray, "controller seed"], style.Unit]]:
+def _panels(data: xr.Dataset) -> list[tuple[str, Float[np.ndarray, "controller seed"], Unit]]:
     """Return title, values (SI) and unit of each panel."""
     found = [
         (head_of(name, unit_for(data[name])), data[name].values, unit_for(data[name]))
@@ -52,7 +53,7 @@ def _panels(data: xr.Dataset) -> list[tuple[str, Float[np.ndarray, "controller s
     ]
     for index, name in enumerate(data["input"].values):
         speed = data["effort"].values[..., index]
-        unit = speed_unit(str(data["input_unit"].values[index]), style.largest(speed))
+        unit = speed_unit(str(data["input_unit"].values[index]), largest(speed))
         found.append((f"speed of {name} ({unit.name})", speed, unit))
     if data.sizes["controller"] > 1:
         rms, best = data["rms_error"].values, best_controller(data)
@@ -61,13 +62,13 @@ def _panels(data: xr.Dataset) -> list[tuple[str, Float[np.ndarray, "controller s
     return found
 
 
-def speed_unit(unit: str, most: float) -> style.Unit:
+def speed_unit(unit: str, most: float) -> Unit:
     """Return a readable unit for speeds of up to ``most``, from a unit of CF."""
     if unit == "rad s-1":
-        return style.Unit(style.DEGREES.factor, "deg/s")
+        return Unit(DEGREES.factor, "deg/s")
     if unit == "s-1":
-        return style.Unit(100.0, "%/s")
-    return style.si_unit(most, unit.replace(" s-1", "/s"))
+        return Unit(100.0, "%/s")
+    return si_unit(most, unit.replace(" s-1", "/s"))
 
 
 def _points(axes: Axes, kinds: list[str], values: Float[np.ndarray, "controller seed"]) -> None:
@@ -134,7 +135,7 @@ def draw_bode(data: xr.Dataset) -> Figure:
     margins = {
         "gain_margin": f"gain margin {gain:.3g} ({20 * np.log10(gain):.3g} dB)",
         "phase_margin": f"phase margin {np.rad2deg(phase_margin):.3g} deg",
-        "delay_margin": f"delay margin {style.si_unit(delay, 's').text(delay)}",
+        "delay_margin": f"delay margin {si_unit(delay, 's').text(delay)}",
     }
     for name, words in margins.items():
         where = float(data[f"{name}_frequency"])

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from crinoid.view.figures import style
-from crinoid.view.figures.style import Unit
+from crinoid.view.figures.units import Unit, largest
 from crinoid.view.scene.data import even_indices, in_space, is_spatial
 from crinoid.view.scene.projection import OBLIQUE, SIDE
 
@@ -78,5 +78,5 @@ def _draw_shapes(figure: Figure, axes: Axes, data: xr.Dataset, label: str, x: np
 def _unit(values: xr.DataArray) -> Unit:
     """Return the unit of a key's values; large pressures are in kPa."""
     name = str(values.attrs.get("units", ""))
-    large = name == "Pa" and style.largest(values.values) >= 1e4
+    large = name == "Pa" and largest(values.values) >= 1e4
     return Unit(1e-3, "kPa") if large else Unit(1.0, name)

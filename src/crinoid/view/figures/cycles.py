@@ -9,6 +9,7 @@ from crinoid.view.figures import style
 from crinoid.view.figures.charts.chart import MEMBER_ROLES
 from crinoid.view.figures.paper import colour
 from crinoid.view.figures.run import Run
+from crinoid.view.figures.units import length_unit
 
 
 def has_cycles(run: Run) -> bool:
@@ -23,7 +24,7 @@ def draw_cycles(run: Run) -> Figure:
     for (who, found), role in zip(_cycles(run).items(), MEMBER_ROLES, strict=False):
         if not found.number:
             continue
-        place = style.length_unit(run.scenario.arm.length).text(found.station)
+        place = length_unit(run.scenario.arm.length).text(found.station)
         words = f"{found.number:g} cycles {place} from the root, equivalent range "
         words += f"{found.equivalent_range:.3g} 1/m"
         ranges, counts = np.append(found.ranges, 0.0), np.cumsum(found.counts)

@@ -8,7 +8,7 @@ import xarray as xr
 
 from crinoid.results.metrics import MEASURES
 from crinoid.studies.statistics import Mean
-from crinoid.view.figures.style import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
+from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
 
 _WORDS = {"rms": "RMS", "p95": "P95", "max": "largest", "min": "smallest"}
 _LABELS = {

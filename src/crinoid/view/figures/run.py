@@ -19,7 +19,8 @@ from crinoid.results.result import Result
 from crinoid.results.stream import open_lazily
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
-from crinoid.view.scene.data import LARGEST, ReportError, check_obstacles, shaped
+from crinoid.view.refusals import ReportError
+from crinoid.view.scene.data import LARGEST, check_obstacles, shaped
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"

@@ -25,6 +25,7 @@ from crinoid.view.figures.sheet import (
     measured_from,
 )
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
+from crinoid.view.figures.units import largest, length_unit
 from crinoid.view.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
 from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
 
@@ -74,7 +75,7 @@ def draw_bending(run: Run) -> Figure:
         panels[-1, column].set_xlabel("distance from the root (m)")
     for (axes, *_), name in zip(panels, rows, strict=True):
         shown = [_values(data, name) for _, data in run.members]
-        if style.largest(*(values for values in shown if values is not None)) < _STRAIGHT:
+        if largest(*(values for values in shown if values is not None)) < _STRAIGHT:
             axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
     figure.align_ylabels(panels[:, 0])
     if "director" in run.result:
@@ -130,7 +131,7 @@ def draw_shape(run: Run) -> Figure:
     if scale > 0.0:
         wide = float(panels[0].get_position().width) * style.WIDTH  # inches
         clear = 0.5 * _KEY * (high - low)[0] / wide
-        fastest = max(style.largest(current.instants) for current in currents)
+        fastest = max(largest(current.instants) for current in currents)
         draw_key(panels[-1], high - np.array([clear, clear]), fastest, scale)
     style.key_below(figure, panels)
     return figure
@@ -205,19 +206,19 @@ def draw_close_up(run: Run) -> Figure:
     panels = rows[0].subgridspec(*shape).subplots(squeeze=False).reshape(len(members), len(views))
     misses = [miss(data) for _, data in members]
     # each at its own scale, and the smaller window shown in the larger one
-    halves = [1.1 * (style.largest(each) or 5e-4) for each in misses]
+    halves = [1.1 * (largest(each) or 5e-4) for each in misses]
     for some, (label, data), off, half in zip(panels, members, misses, halves, strict=True):
         for axes, view in zip(some, views, strict=True):
             _path(axes, data, view, off, half)
             if half > halves[0]:
-                unit = style.length_unit(half)
+                unit = length_unit(half)
                 corner, wide = -halves[0] * unit.factor, 2 * halves[0] * unit.factor
                 window = Rectangle((corner, corner), wide, wide, fill=False, edgecolor=style.INK)
                 window.set(zorder=4, label="window with control")
                 axes.add_patch(window)
         rms = float(np.sqrt(np.nanmean(np.sum(off[run.counted(data)] ** 2, axis=1))))
         words = f"{label}: RMS" if label else "RMS"
-        some[0].set_title(f"{words} {style.length_unit(half).text(rms)}", loc="left")
+        some[0].set_title(f"{words} {length_unit(half).text(rms)}", loc="left")
     style.time_bar(figure, run.result, ax=panels, label="time (s)", aspect=25)
     spectrum = figure.add_subplot(rows[1])
     draw_panel(spectrum, spectrum_panel(run))
@@ -230,7 +231,7 @@ def draw_close_up(run: Run) -> Figure:
 def _path(
     axes: Axes, data: xr.Dataset, view: View, off: Float[np.ndarray, "time axis=3"], half: float
 ) -> None:
-    unit = style.length_unit(half)
+    unit = length_unit(half)
     points = view.paper(off) * unit.factor
     axes.axhline(0.0, color=style.GREY, linewidth=0.7)
     axes.axvline(0.0, color=style.GREY, linewidth=0.7)

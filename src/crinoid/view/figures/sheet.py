@@ -14,6 +14,7 @@ from crinoid.view.figures.arm import Chosen, draw_arm, mount_points, points_of
 from crinoid.view.figures.perspective import PerspectivePlot, draw_scene
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
+from crinoid.view.figures.units import largest
 from crinoid.view.scene.clip import box_corners
 from crinoid.view.scene.data import Point, arm_length
 from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE, View, perspective
@@ -77,7 +78,7 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
     )
     if current.scale > 0.0:
         corner = np.array([across[1] - _CORNER * (across[1] - across[0]), top + tall * line / 2])
-        draw_key(axes, corner, style.largest(current.instants), current.scale)
+        draw_key(axes, corner, largest(current.instants), current.scale)
     for artist in (*axes.collections, *axes.texts):
         artist.set_in_layout(False)  # layout engines overestimate the size of arrows
     axes.set(
@@ -170,9 +171,7 @@ def draw_sheet(run: Run) -> Figure:
             figure, run.result, style.WIDTH - _RIGHT + 0.15, foot, float(block.extent[2])
         )
         if scale > 0.0 and index == 0:
-            fastest = max(
-                style.largest(each.instants) for some in currents.values() for each in some
-            )
+            fastest = max(largest(each.instants) for some in currents.values() for each in some)
             # above the view from ahead, out to the edge of the page
             right = style.WIDTH - LEFT - float(block.extent[0]) - GAP[0] - 0.15
             head_at = np.array([low[1] + right / block.inch, high[2] + 0.11 / block.inch])

@@ -20,8 +20,8 @@ from crinoid.scenario.scenario import scenario_schema
 from crinoid.studies.statistics import SEED, student_factor
 from crinoid.view.figures.measures import label_of, unit_of
 from crinoid.view.figures.run import RESULT
-from crinoid.view.figures.style import Unit, largest
-from crinoid.view.scene.data import ReportError
+from crinoid.view.figures.units import Unit, largest
+from crinoid.view.refusals import ReportError
 
 CaseNumbers = Float[np.ndarray, " case"]
 

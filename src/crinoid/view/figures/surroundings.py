@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
 from crinoid.view.figures import style
+from crinoid.view.figures.units import largest, round_down
 from crinoid.view.scene.bodies import tool_bodies
 from crinoid.view.scene.clip import convex_outline, obstacle_outline, shows_edge
 from crinoid.view.scene.data import (
@@ -200,7 +201,7 @@ class CurrentArrows:
         if self.scale == 0.0:
             axes.set_title("still water", loc="right", color=style.GREY, fontsize=8.5)
             return
-        if not np.allclose(self.instants, self.mean, atol=2e-2 * style.largest(self.instants)):
+        if not np.allclose(self.instants, self.mean, atol=2e-2 * largest(self.instants)):
             start = np.broadcast_to(self.start, self.instants.shape)
             threads = np.stack([start, start + self.instants / scale], axis=-2).reshape(-1, 2, 2)
             lines = LineCollection(list(threads), colors=style.SKY, alpha=0.6, linewidths=0.8)
@@ -212,7 +213,7 @@ class CurrentArrows:
 
 def draw_key(axes: Axes, corner: Float[np.ndarray, "axis=2"], fastest: float, scale: float) -> None:
     """Draw an arrow with its speed as the key, its head at a corner (m)."""
-    speed = style.round_down(0.85 * fastest)
+    speed = round_down(0.85 * fastest)
     tail = corner - np.array([speed / scale, 0.0])
     _arrows(axes, tail[None], np.array([[speed, 0.0]]), scale)
     look: Any = {"textcoords": "offset points", "ha": "right", "va": "center", "fontsize": 8.5}

@@ -1,26 +1,17 @@
 """Camera and settings of a film: its view, its region, and the times of its frames."""
 
 import math
-import re
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.scenario.errors import got, one_of
-from crinoid.view.scene.data import Point, ReportError, even_indices
+from crinoid.view.film.settings import FORMATS, CameraSettings, require_within
+from crinoid.view.refusals import ReportError
+from crinoid.view.scene.data import Point, even_indices
 from crinoid.view.scene.mount import Path
 from crinoid.view.scene.projection import View
 from crinoid.view.scene.scene import Keyframes, Scene
-
-PRESETS = {
-    "side": (-90.0, 0.0),
-    "above": (-90.0, 90.0),
-    "ahead": (0.0, 0.0),
-    "angle": (-58.0, 27.0),
-}
-"""Azimuth and elevation (deg) of the presets, which are those of the page."""
 
 _TRAVELS = 1.5  # a base that moves farther is followed, of the arm's length
 _NEAR = 0.35  # distance from the arm within which obstacles are shown, of its length
@@ -113,59 +104,8 @@ def window_of(scene: Scene, members: list[Keyframes], path: Path) -> Window:
 
 
 SPEEDS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
-FOLLOWED = ("none", "tip", "base")
-OTHER = ("ghost", "beside", "none")
-
-_SMALLEST, _LARGEST = 160, 3840  # pixels
 _MOST = 20_000  # frames of an MP4: ten minutes and more
 _MOST_PIXELS = 2e8  # most pixels of all frames of a GIF, which stay in memory until it is written
-
-
-@dataclass(frozen=True)
-class FilmFormat:
-    """Defaults and limits of a kind of file."""
-
-    fps: float
-    highest_fps: float
-    size: tuple[int, int]
-    longest: float  # longest duration of a film without a given speed (s)
-
-
-FORMATS = {
-    ".mp4": FilmFormat(30.0, 120.0, (1280, 720), 40.0),
-    ".gif": FilmFormat(15.0, 50.0, (480, 360), 15.0),
-}
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """Options of a film; `None` leaves a choice to the run or the kind of file."""
-
-    fps: float | None = None  # frames a second
-    speed: float | None = None  # simulated seconds in a second of the film
-    begin: float | None = None  # first simulated time (s)
-    until: float | None = None  # last simulated time (s)
-    size: tuple[int, int] | None = None  # width and height (pixels)
-    view: str | None = None  # name of a preset of the camera
-    azimuth: float | None = None  # of the camera instead, from the bow toward port (deg)
-    elevation: float | None = None  # of the camera, up (deg)
-    zoom: float = 1.0  # magnification of the picture in which everything fits
-    follow: str | None = None  # point that stays in place: `"none"`, `"tip"` or `"base"`
-    uncontrolled: str | None = None  # the run without control: `"ghost"`, `"beside"` or `"none"`
-    colour: str | None = None  # quantity by which the arm is coloured, or `"none"`
-
-    def check(self) -> None:
-        """Check all options that do not depend on the run."""
-        _within("--speed", self.speed, 1e-4, 1e4)
-        _within("--azimuth", self.azimuth, -360.0, 360.0)
-        _within("--elevation", self.elevation, -90.0, 90.0)
-        _within("--zoom", self.zoom, 0.1, 100.0)
-        _one_of("--view", self.view, tuple(PRESETS))
-        _one_of("--follow", self.follow, FOLLOWED)
-        _one_of("--uncontrolled", self.uncontrolled, OTHER)
-        if self.view is not None and (self.azimuth is not None or self.elevation is not None):
-            hint = "Omit it where --azimuth or --elevation is given."
-            raise ReportError(f"--view: got {self.view} and an angle. {hint}")
 
 
 @dataclass(frozen=True)
@@ -181,7 +121,7 @@ class FilmSettings:
 def film_settings(settings: CameraSettings, first: float, last: float, ending: str) -> FilmSettings:
     """Return the frames of a run between its first and last time (s)."""
     kind = FORMATS[ending]
-    _within("--fps", settings.fps, 1.0, kind.highest_fps)
+    require_within("--fps", settings.fps, 1.0, kind.highest_fps)
     fps = kind.fps if settings.fps is None else settings.fps
     size = kind.size if settings.size is None else settings.size
     if ending == ".mp4" and (size[0] % 2 or size[1] % 2):
@@ -192,8 +132,8 @@ def film_settings(settings: CameraSettings, first: float, last: float, ending: s
         raise ReportError("the result contains one instant, so that nothing moves")
     begin = first if settings.begin is None else settings.begin
     until = last if settings.until is None else settings.until
-    _within("--from", settings.begin, first, last, " s")
-    _within("--until", settings.until, first, last, " s")
+    require_within("--from", settings.begin, first, last, " s")
+    require_within("--until", settings.until, first, last, " s")
     if until <= begin:
         option = "--until" if settings.until is not None else "--from"
         text = f"the film would start at {begin:g} s and end at {until:g} s"
@@ -218,34 +158,3 @@ def film_settings(settings: CameraSettings, first: float, last: float, ending: s
     frames = int(count + 1e-6) + 1
     times = np.minimum(begin + np.arange(frames) * speed / fps, until)
     return FilmSettings(size, fps, speed, times)
-
-
-def size_of(text: str) -> tuple[int, int]:
-    """Read a size such as 640x480."""
-    found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text.strip(), re.ASCII)
-    if found is None:
-        raise ReportError(f"--size: {got(text, 'be WIDTHxHEIGHT in pixels, such as 640x480')}")
-    wide, high = int(found[1]), int(found[2])
-    if not (min(wide, high) >= _SMALLEST and max(wide, high) <= _LARGEST):
-        must = f"width and height must be {_SMALLEST} to {_LARGEST}"
-        raise ReportError(f"--size: got {wide}x{high}; {must}")
-    return wide, high
-
-
-def ending_of(path: FilePath) -> str:
-    """Return the ending of a film's name, which decides its kind."""
-    ending = path.suffix.lower()
-    if ending not in FORMATS:
-        raise ReportError(f"--to: {got(path, 'be a name that ends in .mp4 or .gif')}")
-    return ending
-
-
-def _within(option: str, value: float | None, low: float, high: float, unit: str = "") -> None:
-    if value is not None and not (math.isfinite(value) and low <= value <= high):
-        text = f"got {value:g}{unit}; must be {low:g} to {high:g}{unit}"
-        raise ReportError(f"{option}: {text}")
-
-
-def _one_of(option: str, value: str | None, known: tuple[str, ...]) -> None:
-    if value is not None and value not in known:
-        raise ReportError(f"{option}: {got(value, f'be {one_of(known)}')}")

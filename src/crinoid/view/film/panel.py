@@ -10,7 +10,8 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
 
-from crinoid.view.figures.style import BLUE, INK, VERMILLION, round_down
+from crinoid.view.figures.style import BLUE, INK, VERMILLION
+from crinoid.view.figures.units import round_down
 from crinoid.view.film import surfaces as film
 from crinoid.view.film.camera import Camera, Window
 from crinoid.view.scene.bodies import between

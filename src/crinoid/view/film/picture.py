@@ -13,11 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from crinoid.scenario.errors import got, one_of, shown
-from crinoid.view.figures.style import INK, VERMILLION, round_down
+from crinoid.view.figures.style import INK, VERMILLION
+from crinoid.view.figures.units import round_down
 from crinoid.view.film.camera import (
-    PRESETS,
     Camera,
-    CameraSettings,
     FilmSettings,
     Window,
     camera_of,
@@ -26,9 +25,10 @@ from crinoid.view.film.camera import (
 )
 from crinoid.view.film.encode import Image
 from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, WATER, FilmPanel, pale
+from crinoid.view.film.settings import PRESETS, CameraSettings
 from crinoid.view.film.surfaces import Shading, locate
+from crinoid.view.refusals import ReportError
 from crinoid.view.scene.bodies import between
-from crinoid.view.scene.data import ReportError
 from crinoid.view.scene.scene import Scene, colour_ranges
 
 _DPI = 100.0

@@ -14,10 +14,11 @@ from crinoid.results.metrics import CASES, is_table
 from crinoid.results.own_files import MADE
 from crinoid.view.figures.run import RESULT, Run, open_run
 from crinoid.view.figures.style import STYLE
-from crinoid.view.film.camera import CameraSettings, FilmSettings, ending_of, film_settings
+from crinoid.view.film.camera import FilmSettings, film_settings
 from crinoid.view.film.encode import FILMS, Image, check_place, has_encoder, write_gif, write_mp4
 from crinoid.view.film.picture import Picture
-from crinoid.view.scene.data import ReportError
+from crinoid.view.film.settings import CameraSettings, ending_of
+from crinoid.view.refusals import ReportError, require_path
 from crinoid.view.scene.scene import Scene, build_scene, omission_notes
 
 _NODES = 81
@@ -35,7 +36,6 @@ def film_run(
     ``report`` receives the numbers of drawn and of all frames, before each and at the end; with
     ``force`` a file that is not crinoid's is replaced.
     """
-    settings.check()
     source = _result_of(path)
     target = to or source.with_name(FILMS[0 if has_encoder() else 1])
     ending = ending_of(target)
@@ -68,8 +68,7 @@ def _draw(picture: Picture, frames: FilmSettings, report: Report) -> Iterator[Im
 
 
 def _result_of(path: Path) -> Path:
-    if not path.exists():
-        raise ReportError(f"{path}: no such file or directory")
+    require_path(path)
     if not path.is_dir():
         return path
     if (path / RESULT).is_file():

@@ -4,7 +4,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextvars import copy_context
 from typing import NamedTuple
 
 from crinoid.results.result import Result
@@ -47,9 +46,7 @@ class RealTimeClock:
         self._actions: dict[object, Action] = {}
         self._lock, self._woken = threading.Lock(), threading.Event()
         self._ended = False
-        # in the caller's context, which has the folder of compiled programs
-        run = copy_context().run
-        self._thread = threading.Thread(target=run, args=[self._run], daemon=True)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._marks: deque[tuple[float, float]] = deque()
         self._message, self._wrong = "", False
         self._batch = 1  # steps of one call: few where each is slow

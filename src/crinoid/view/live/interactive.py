@@ -24,7 +24,7 @@ from crinoid.scenario import Obstacle, Plane, Scenario, ScenarioError
 from crinoid.scenario.arm import Arm
 from crinoid.simulation.conclusion import start_failure
 from crinoid.simulation.loop import Loop
-from crinoid.simulation.setup import Setup, compile_ahead, set_up
+from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.comparison import controlled_by
 from crinoid.view.live.adjustable import AdjustableNumbers, LoopNumbers, adjusted_flows
 
@@ -255,17 +255,14 @@ class ControlledScenario(NamedTuple):
             numbers, flow=adjusted_flows(flows, None, AdjustableNumbers(), place, 0.0)
         )
 
-        def shifted(loop: Loop) -> Loop:
-            target = ShiftedTarget.of(loop.target, scenario.arm.dimension)
-            return eqx.tree_at(lambda x: x.target, loop, target)
-
         prepared.check()
-        compile_ahead(prepared, 0, CAPACITY, shifted)
         setup = set_up(prepared)
         trouble = start_failure(scenario, setup.loop.system, setup.outcome)
         if trouble:
             raise StartError(trouble)
-        return ControlledScenario(scenario, prepared.parameters, flows, setup, shifted(setup.loop))
+        target = ShiftedTarget.of(setup.loop.target, scenario.arm.dimension)
+        loop = eqx.tree_at(lambda x: x.target, setup.loop, target)
+        return ControlledScenario(scenario, prepared.parameters, flows, setup, loop)
 
     def loop_numbers(self, *, parked: bool, shift: Vector, since: float | None) -> LoopNumbers:
         """Return numbers of the loop, its target shifted (m), its control on since a time (s)."""

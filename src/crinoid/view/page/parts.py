@@ -17,7 +17,7 @@ from jaxtyping import Float
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.results.own_files import is_own
 from crinoid.view.figures.charts.summary import RunSummary
-from crinoid.view.scene.data import ReportError
+from crinoid.view.refusals import ReportError
 
 PAGE = "report.html"
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from crinoid.view.figures.charts.chart import Chart, Panel, Trace
 from crinoid.view.figures.charts.drive import THROUGH
-from crinoid.view.figures.style import largest
+from crinoid.view.figures.units import largest
 
 RECORDS = 1501  # most values of a trace; above it only extremes remain
 _EDGE = 58  # pixels for the numbers of an axis, the same in all panels to align their times

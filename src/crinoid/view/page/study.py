@@ -18,9 +18,8 @@ from crinoid.results.own_files import is_own
 from crinoid.results.result import attributes
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
-from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.studies.sweep.plan import SweepDesign, read_plan
 from crinoid.studies.sweep.sampling import Index, indices_of
-from crinoid.studies.sweep.store import SweepStore
 from crinoid.view.figures.run import open_result
 from crinoid.view.figures.study import (
     MOST_KEYS,
@@ -34,7 +33,8 @@ from crinoid.view.figures.study import (
 from crinoid.view.page import parts
 from crinoid.view.page.scene import SvgDrawing
 from crinoid.view.page.sweeps import view_of
-from crinoid.view.scene.data import ReportError, even_indices, in_space, is_spatial
+from crinoid.view.refusals import ReportError
+from crinoid.view.scene.data import even_indices, in_space, is_spatial
 from crinoid.view.scene.projection import OBLIQUE, SIDE
 
 MOST = 150  # most drawn arms: more are hard to distinguish and slow to read
@@ -109,7 +109,7 @@ def registry_of(source: Path, cases: Sequence[Case]) -> dict[str, Measure]:
 def _plan_of(folder: Path, runs: int) -> SweepDesign | None:
     """Return the design of a sweep with that number of runs, if the folder contains one."""
     try:
-        plan = SweepStore(folder).read_plan()
+        plan = read_plan(folder)
     except (OSError, ScenarioError):
         return None
     return plan if plan.runs == runs else None

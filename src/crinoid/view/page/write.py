@@ -22,7 +22,7 @@ from crinoid.view.figures.run import Run
 from crinoid.view.page import parts
 from crinoid.view.page.plots import plots_of
 from crinoid.view.page.scene import page_scene, scene_of, still_of
-from crinoid.view.scene.data import ReportError
+from crinoid.view.refusals import ReportError
 from crinoid.view.scene.scene import Scene, build_scene
 
 LARGEST = 800_000  # most characters

@@ -15,15 +15,12 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
+from crinoid.view.refusals import ReportError
 
 STILL = 1e-6  # distance below which a point does not move (m)
 LARGEST = 1e9  # largest size of a drawing, in SI units. Squares of far larger numbers overflow.
 
 Indices = Int[np.ndarray, " chosen"]
-
-
-class ReportError(ValueError):
-    """A report cannot be drawn; the message is one line that says why."""
 
 
 def is_spatial(dataset: xr.Dataset) -> bool:

@@ -8,11 +8,11 @@ from jaxtyping import Bool, Float, Int
 
 from crinoid.results.chunks import chosen_pieces, join
 from crinoid.scenario.errors import counted
+from crinoid.view.refusals import ReportError
 from crinoid.view.scene.data import (
     Indices,
     Obstacle,
     Points,
-    ReportError,
     ToolBall,
     arm_length,
     bounded,

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from crinoid.numerics.signals_and_systems import spectrum
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Panel, Series, Trace
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.style import Unit, largest, length_unit, si_unit
+from crinoid.view.figures.units import Unit, largest, length_unit, si_unit
 from crinoid.view.scene.data import in_space
 from crinoid.view.scene.mount import Path, base_word
 

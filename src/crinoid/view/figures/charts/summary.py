@@ -14,7 +14,7 @@ from crinoid.results.loads import FAR_CONTACTS
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
 from crinoid.view.figures.measures import label_of, unit_of
-from crinoid.view.figures.style import DEGREES, Unit, largest, length_unit, si_unit
+from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.view.scene.mount import base_word
 
 _NOTHING = 1e-6

@@ -11,7 +11,7 @@ from crinoid.foundation.axes import AXES
 from crinoid.results.errors import angle_between, short_way
 from crinoid.view.figures.charts import chart
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.style import DEGREES, Unit, largest, length_unit, si_unit
+from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.view.scene.scene import CALM
 
 _ROOM = 1.08  # of an axis, above the largest value

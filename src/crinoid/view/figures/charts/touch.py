@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from crinoid.results.loads import FAR_CONTACTS, far_contact
 from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Trace
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.style import largest, length_unit, si_unit
+from crinoid.view.figures.units import largest, length_unit, si_unit
 from crinoid.view.scene.data import find_obstacles
 
 _VARIABLES = (

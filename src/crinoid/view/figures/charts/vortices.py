@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from crinoid.view.figures.charts.chart import Chart, Level, Panel, Trace, rms
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.style import Unit, largest, si_unit
+from crinoid.view.figures.units import Unit, largest, si_unit
 
 _HERTZ = Unit(1.0, "Hz")
 _SMOOTHED = 1.0

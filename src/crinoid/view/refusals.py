@@ -1,0 +1,34 @@
+"""Refusals of commands on results, before anything slow is loaded."""
+
+from pathlib import Path
+
+from crinoid.scenario.errors import got, one_of
+
+FIGURES = ("png", "pdf", "svg")
+"""Formats of figures."""
+EXPORTS = {
+    "vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"),
+    "csv": (".csv",),
+    "xlsx": (".xlsx",),
+    "gltf": (".glb",),
+    "mcap": (".mcap", ".foxglove.json"),
+    "usd": (".usda",),
+    "onnx": (".onnx",),
+}
+"""Endings of the files of an export by its format."""
+
+
+class ReportError(ValueError):
+    """A report cannot be drawn; the message is one line that says why."""
+
+
+def require_path(path: Path) -> None:
+    """Require a file or folder."""
+    if not path.exists():
+        raise ReportError(f"{path}: no such file or directory")
+
+
+def require_figures(form: str) -> None:
+    """Require a format of figures."""
+    if form not in FIGURES:
+        raise ReportError(f"--format: {got(form, f'be {one_of(FIGURES)}')}")
