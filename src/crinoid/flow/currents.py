@@ -54,11 +54,10 @@ class Sine(Everywhere):
         # not `clip`, which has half the slope at its ends
         since = jnp.where(time < onset.stop, time, onset.stop) - onset.start
         since = jnp.where(since > 0, since, 0.0)
-        ramped = since < onset.ramp_time
         # in the ramp sin(a) (1 - cos(b)) / 2 is a sum of three sines
         own = jnp.pi / jnp.where(onset.ramp_time > 0, onset.ramp_time, 1.0)
         rates = turn + own * np.array([0.0, 0.0, 1.0, -1.0])
-        passed = jnp.where(ramped, since, onset.ramp_time)
+        passed = jnp.where(since < onset.ramp_time, since, onset.ramp_time)
         spans = jnp.stack([since, passed, passed, passed])
         half = 0.5 * rates * spans
         begin = turn * onset.start + self.phase

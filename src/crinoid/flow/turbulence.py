@@ -15,25 +15,15 @@ from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import long_product
 
 # cos(2 pi r) = q p(q^2) and sin(2 pi r) = r (1/2 - |r|) s(q^2), with q = 1/4 - |r| and |r| <= 1/2:
-# p and s interpolate at the Chebyshev points of q^2; each more term would cost 2 % of a step
+# p and s interpolate at the Chebyshev points of q^2; with 8 terms each a step lasts 4 % longer
 _COSINE = (
-    6.28318530717927,
-    -41.341702239903675,
-    81.60524914901583,
-    -76.70584754377326,
-    42.058134871372054,
-    -15.081483206893,
-    3.6658551595639612,
-)
+    6.28318530717927, -41.341702239903675, 81.60524914901583, -76.70584754377326,
+    42.058134871372054, -15.081483206893, 3.6658551595639612,
+)  # fmt: skip
 _SINE = (
-    15.999999999999876,
-    -59.82734083466555,
-    81.79285095527474,
-    -58.62345445604351,
-    25.93869582790648,
-    -7.792339044694525,
-    1.6367507816898919,
-)
+    15.999999999999876, -59.82734083466555, 81.79285095527474, -58.62345445604351,
+    25.93869582790648, -7.792339044694525, 1.6367507816898919,
+)  # fmt: skip
 
 
 def cosine(turns: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -244,9 +234,8 @@ class Turbulence(Flow):
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size, amplitudes = point.shape[0], self.amplitudes
-        rates = -amplitudes[:, None] * self.wave_vectors
-        rows = rates.reshape(size * size, -1)
-        sums = _sums(*cosine_and_sine(self._turns(point, time)), amplitudes, rows)
+        rates = (-amplitudes[:, None] * self.wave_vectors).reshape(size * size, -1)
+        sums = _sums(*cosine_and_sine(self._turns(point, time)), amplitudes, rates)
         velocity, gradient = self.mean + sums[:size], sums[size:].reshape(size, size)
         # advected: d/dt = -(X' . grad)
         return Jet(velocity, gradient, -jnp.sum(gradient * self.onset(time) * self.mean, axis=-1))
