@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from benchmarks.measurement import Rows, Scope, in_turn, row
-from benchmarks.step import Run, march, steady
+from benchmarks.step import ARMS, Run, march, steady
 from crinoid.assembly.prepared import system as assembled
 from crinoid.compilation import OFTEN, compiled
 from crinoid.dynamics import State, System
-from crinoid.scenario import Scenario
+from crinoid.scenario import Scenario, load
 from crinoid.simulation.batch import cores
 from crinoid.studies.batch import simulate_batch
 
@@ -25,9 +25,9 @@ _STEPS, _JOLT = 100, 0.03
 
 def benchmark(scope: Scope) -> Rows:
     """Yield the time steps of all arms together in a second."""
-    scenario, arms = steady("plane", scope), scope.arms
-    runs = {("whole runs, PID", count): _whole(scenario, count) for count in (1, arms)}
-    for name, run in _bare(scenario, arms).items():
+    flagship, arms = scope.shortened(load(ARMS["plane"])), scope.arms
+    runs = {("whole runs, moving", count): _whole(flagship, count) for count in (1, arms)}
+    for name, run in _bare(steady("plane", scope), arms).items():
         runs[f"bare steps, {name}", arms] = run, arms * _STEPS
     times = in_turn([run for run, _ in runs.values()], scope.repeats)
     for ((name, count), (_, steps)), each in zip(runs.items(), times, strict=True):

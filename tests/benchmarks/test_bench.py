@@ -3,6 +3,8 @@
 import json
 import math
 
+import jax
+import jax.numpy as jnp
 import pytest
 
 from benchmarks import engines
@@ -10,6 +12,7 @@ from benchmarks.command import app, run_benchmarks
 from benchmarks.measurement import Row, Scope, in_turn, row
 from benchmarks.registry import BENCHMARKS
 from benchmarks.releases import RELEASES
+from benchmarks.start import equations
 from helpers.command import refused, succeeded
 
 TINY = Scope(repeats=2, nodes=(5, 9), duration=0.2, arms=2, seeds=1, most=2)
@@ -25,10 +28,10 @@ FEW = {
 NAMES = {
     "precision": {release.name for release in RELEASES},
     "step": {"plane, closed loop", "plane, bare step", "plane, vortices"},
-    "batch": {"whole runs, PID", "bare steps, one by one", "bare steps, together (vmap)"},
+    "batch": {"whole runs, moving", "bare steps, one by one", "bare steps, together (vmap)"},
     "gradient": {"plane, run", "plane, gradient by all numbers"},
     "optimise": {"gains, grid", "gains, optimise"},
-    "start": {"import crinoid, first time", "import jax, later"},
+    "start": {"import crinoid, first time", "import jax, later", "time step, plane"},
     "controllers": {"station-keeping, neural", "0.08 m/s, none, vortices"},
     "tasks": {"trace"},
 }
@@ -44,6 +47,17 @@ def test_values_are_summed_up_over_repeats_that_run_in_turn():
     assert calls == ["a", "b"] * 3  # the first ones do not count
     assert times.shape == (2, 2)
     assert row("x", "time", "s", [3.0, 1.0, 2.0], nodes=5)[3:6] == (2.0, 1.0, 3.0)
+
+
+def test_equations_of_parts_count_too():
+    def wave(x):
+        return jnp.sin(x) + 1.0  # two
+
+    def program(x):
+        return jax.lax.map(wave, x) * 2.0 + jax.jit(wave)(x)
+
+    # a loop and a call, each of two equations, a product and a sum
+    assert equations(jax.make_jaxpr(program)(jnp.ones(3)).jaxpr) == 2 + 2 * 2 + 2
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from crinoid.flow import (
     Water,
     Waves,
 )
-from crinoid.flow.flow import Everywhere, panels_of
+from crinoid.flow.flow import Everywhere, displacement, panels_of
 from crinoid.numerics.piecewise import PiecewisePolynomial
 from crinoid.numerics.ramp import Onset
 from helpers.currents import numbers
@@ -155,16 +155,24 @@ def test_displacement_is_the_integral_of_the_velocity():
         assert not np.any(flow.displacement(jnp.asarray(0.3)))
 
 
-def test_displacement_over_a_ramp_of_many_periods():
-    onset, frequency = Onset.of(0.0, 60.0), 1.0
-    swell = Sine(onset, *numbers([0.3, 0.0], frequency, 0.2), panels=panels_of(60.0, 1 / frequency))
-    times = jnp.linspace(0.0, 60.0, 240_001)
-    velocity = np.asarray(jax.jit(jax.vmap(swell.velocity, (None, 0)))(jnp.zeros(2), times))[:, 0]
-    expected = np.cumsum(0.5 * (velocity[1:] + velocity[:-1])) * float(times[1])
-    along = jax.jit(lambda time: jax.jvp(swell.displacement, (time,), (jnp.ones_like(time),)))
-    moved, speed = along(times[-1001])
-    assert moved[0] == pytest.approx(expected[-1001], abs=1e-7)
-    assert speed[0] == pytest.approx(velocity[-1001], abs=1e-8)
+@pytest.mark.parametrize("ramp", [0.0, 2.0, 60.0])  # half a period, and many
+@pytest.mark.parametrize("stop", [np.inf, 41.3])
+def test_displacement_of_a_swell_is_that_of_a_quadrature(ramp, stop):
+    onset, (frequency, phase) = Onset.of(0.4, ramp, stop), numbers(0.25, 0.2)
+    swell, rate = Sine(onset, jnp.array([0.3, 0.0]), frequency, phase), 2 * jnp.pi * frequency
+
+    def path(time):
+        return -swell.amplitude / rate * jnp.cos(rate * time + phase)
+
+    def by_quadrature(time):
+        return displacement(onset, path, time, panels_of(ramp, 4.0))
+
+    times = jnp.linspace(0.01, 80.0, 57)
+    along = jax.jit(jax.vmap(lambda time: jax.jvp(swell.displacement, (time,), (1.0,))))
+    moved, speed = along(times)
+    np.testing.assert_allclose(moved, jax.jit(jax.vmap(by_quadrature))(times), atol=1e-13)
+    velocity = jax.vmap(swell.velocity, (None, 0))(jnp.zeros(2), times)
+    np.testing.assert_allclose(speed, velocity, atol=1e-13)
 
 
 # aside from points of time where an onset or a record has a kink

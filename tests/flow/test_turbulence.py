@@ -77,13 +77,13 @@ def test_intensity_of_each_component(many):
 
 def test_intensity_of_each_draw(many):
     # over all places and times each mode has half its amplitude squared
-    variance = np.sum(np.asarray(many.amplitudes) ** 2, axis=1) / 2
+    variance = np.sum(np.asarray(many.amplitudes) ** 2, axis=2) / 2
     assert variance.sum(axis=1) == pytest.approx(np.full(SEEDS, 3 * DEVIATION**2), rel=1e-12)
     assert np.sqrt(variance) == pytest.approx(np.full((SEEDS, 3), DEVIATION), rel=0.03)
 
 
 def test_what_the_cut_of_the_spectrum_leaves_out(many):
-    number = np.linalg.norm(many.wave_vectors, axis=-1) * ENERGETIC
+    number = np.linalg.norm(many.wave_vectors, axis=1) * ENERGETIC
     assert number.min() > 0.2 * (1 - 1e-12)
     assert number.max() < 300 * (1 + 1e-12)
 
@@ -99,7 +99,7 @@ def test_what_the_cut_of_the_spectrum_leaves_out(many):
     assert energy(1e-4, 0.2) / whole == pytest.approx(6e-5, abs=5e-6)
     # each interval of equal logarithm has one mode with just its energy
     below = number < 3.0
-    amplitudes = np.sum(np.asarray(many.amplitudes) ** 2, axis=-1)
+    amplitudes = np.sum(np.asarray(many.amplitudes) ** 2, axis=1)
     share = np.sum(amplitudes * below, axis=1) / np.sum(amplitudes, axis=1)
     assert share == pytest.approx(np.full(SEEDS, energy(0.2, 3.0) / energy(0.2, 300)), abs=0.01)
 
@@ -183,6 +183,25 @@ def test_a_planar_arm_sees_the_cut_through_it():
     whole = np.asarray(full.velocity(*numbers([0.3, 0.0, -4.0], 2.1)))
     cut = flat.velocity(*numbers([0.3, -4.0], 2.1))
     np.testing.assert_allclose(cut, whole[[0, 2]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_velocity_and_slopes_are_sums_of_waves(dimension):
+    flow, time = turbulence(5, dimension=dimension), 2.1
+    point = np.array([0.3, 0.2, -4.0])[-dimension:]
+    waves, amplitudes = np.asarray(flow.wave_vectors), np.asarray(flow.amplitudes)
+    angle = (point - time * np.asarray(flow.mean)) @ waves + 2 * np.pi * np.asarray(flow.phases)
+    velocity = flow.mean + amplitudes @ np.cos(angle)
+    slopes = -amplitudes * np.sin(angle) @ waves.T
+
+    at = numbers(point, time)
+    jet = jax.jit(lambda point, time: flow.jet(point, time))(*at)
+    np.testing.assert_allclose(jet.velocity, velocity, rtol=1e-11)
+    np.testing.assert_allclose(jet.gradient, slopes, atol=1e-11 * np.abs(slopes).max())
+    np.testing.assert_allclose(jet.rate, -slopes @ flow.mean, atol=1e-11 * np.abs(slopes).max())
+    for mode in jax.jacfwd, jax.jacrev:
+        found = jax.jit(mode(lambda point: flow.jet(point, at[1]).velocity))(at[0])
+        np.testing.assert_allclose(found, slopes, atol=1e-11 * np.abs(slopes).max())
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Everywhere, Flow, Point, Time, displacement
@@ -48,9 +49,20 @@ class Sine(Everywhere):
         angle = 2 * jnp.pi * self.frequency * time + self.phase
         return self.amplitude * jnp.sin(angle)
 
-    def path(self, time: Time) -> Point:
-        rate = 2 * jnp.pi * self.frequency
-        return -self.amplitude / rate * jnp.cos(rate * time + self.phase)
+    def displacement(self, time: Time) -> Point:
+        onset, turn = self.onset, 2 * jnp.pi * self.frequency
+        # not `clip`, which has half the slope at its ends
+        since = jnp.where(time < onset.stop, time, onset.stop) - onset.start
+        since = jnp.where(since > 0, since, 0.0)
+        # in the ramp sin(a) (1 - cos(b)) / 2 is a sum of three sines
+        own = jnp.pi / jnp.where(onset.ramp_time > 0, onset.ramp_time, 1.0)
+        rates = turn + own * np.array([0.0, 0.0, 1.0, -1.0])
+        passed = jnp.where(since < onset.ramp_time, since, onset.ramp_time)
+        spans = jnp.stack([since, passed, passed, passed])
+        half = 0.5 * rates * spans
+        begin = turn * onset.start + self.phase
+        paths = spans * jnp.sinc(half / jnp.pi) * jnp.sin(begin + half)
+        return self.amplitude * jnp.sum(np.array([1.0, -0.5, -0.25, -0.25]) * paths)
 
 
 class Gust(Everywhere):

@@ -253,9 +253,8 @@ class SineFlow(FlowTable):
     phase_deg: Degrees = entry(0.0, "Phase at t = 0.")
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        panels = resolve_name("crinoid.flow.flow:panels_of")(self.ramp_time, 1 / self.frequency_hz)
         numbers = self.amplitude, self.frequency_hz, math.radians(self.phase_deg)
-        return part("crinoid.flow:Sine", self.onset, *numbers, panels=panels)
+        return part("crinoid.flow:Sine", self.onset, *numbers)
 
 
 Flow = Annotated[

@@ -16,6 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import copy_context
 from dataclasses import dataclass
+from functools import partial
 from itertools import repeat
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -277,6 +278,8 @@ class _Batch(Generic[T]):
         """Run each by itself, so many at a time."""
         waiting, pending = deque(enumerate(self.scenarios)), dict[Future[Arm[T]], int]()
         cancelled, reached = threading.Event(), self.reached
+        # nobody reads the notes on a run without control
+        one = partial(play, steps=self.steps, notes=self.notes, idle_notes=False)
 
         def run(index: int, prepared: Prepared) -> Arm[T]:
             def moved(progress: Progress) -> None:
@@ -284,10 +287,7 @@ class _Batch(Generic[T]):
 
             try:
                 with on_processor():
-                    stop, notes = cancelled.is_set, self.notes
-                    return self.arm_of(
-                        play(prepared, report=moved, stop=stop, steps=self.steps, notes=notes)
-                    )
+                    return self.arm_of(one(prepared, report=moved, stop=cancelled.is_set))
             except ScenarioError as error:
                 return self.arm_of(error)
 

@@ -253,18 +253,19 @@ def conclude(
     wall_time: float,
     *,
     with_ledger: bool = True,
+    with_notes: bool = True,
 ) -> Result:
     """Return the result of a run that is over, from its state at the end and all its instants.
 
     ``trouble`` ended it early, other than a step that failed, of which ``failed`` is the outcome.
     Its energies are not to balance (``with_ledger``) where numbers of the arm changed meanwhile.
+    Notes cost a tenth of a short run: not ``with_notes`` where nobody reads them.
     """
     prepared, scenario, system = setup.prepared, setup.prepared.scenario, setup.loop.system
     dataset = with_velocity_moments(dataset)
     defect = None
     jumps, damped = command_jumps(dataset, system, prepared.facts), scenario.simulation.or_damping
     step_energy, rings = unresolved_vibrations(dataset, system, jumps, damped)
-    rings = held_commands_note(dataset, system, prepared.facts) or rings
     if with_ledger:
         defect = find_defect(dataset, scenario, float(system.settings.floor), step_energy)
     if failed is not None:
@@ -276,15 +277,19 @@ def conclude(
         trouble = tear_failure(dataset)
         if defect is not None and defect.failed is not None:
             trouble = defect.failure
-    found_notes = [
-        *prepared.notes(),
-        *setup.warnings,
-        *setup.loop_warnings,
-        *notes(dataset, prepared.facts),
-    ]
-    found_notes += [*tool_notes(scenario.tool, carry.state.grip), *([rings] if rings else [])]
-    if defect is not None and defect.summary not in trouble:
-        found_notes.append(defect.note)
+    found_notes = []
+    if with_notes:
+        rings = held_commands_note(dataset, system, prepared.facts) or rings
+        found_notes = [
+            *prepared.notes(),
+            *setup.warnings,
+            *setup.loop_warnings,
+            *notes(dataset, prepared.facts),
+            *tool_notes(scenario.tool, carry.state.grip),
+            *([rings] if rings else []),
+        ]
+        if defect is not None and defect.summary not in trouble:
+            found_notes.append(defect.note)
     dataset.attrs = result_attributes(prepared, trouble or Status.OK.value, wall_time, found_notes)
     return Result(dataset, named_leaves(carry))
 

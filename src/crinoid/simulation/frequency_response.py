@@ -42,25 +42,26 @@ class Plant(NamedTuple):
             follow = follow.reshape(follow.shape[0], -1)
         moved = np.pad(held.reshape(-1, held.shape[-1]), ((0, 0), (0, loads.shape[-1])))
         ahead = moved.shape[0]
-        rate = 2 * np.pi * frequency[:, None]
-        bands = (
-            each[BOUNDARY_NODES:].reshape(-1) for each in (self.stiffness, self.damping, self.mass)
-        )
-        stiffness, damping, mass = bands
-        entries = stiffness + 1j * rate * damping - rate**2 * mass
-        # all frequencies one behind the other: one system, whose parts do not meet
-        diagonals = np.zeros((2 * beyond + 1, frequency.size, free), complex)
-        place = beyond + row[inside] - column[inside], slice(None), column[inside]
-        diagonals[place] = entries[:, inside].T
-        reached = np.zeros((frequency.size, free, ahead), complex)
-        reached[:, row[known], column[known]] = entries[:, known]
+        given = np.stack([self.stiffness, self.damping, self.mass])[:, BOUNDARY_NODES:]
+        parts, rate = given.reshape(3, -1), 2 * np.pi * frequency[:, None, None]
+        # a product with each matrix, then their sum at each frequency
+        diagonals = np.zeros((3, free, 2 * beyond + 1))
+        diagonals[:, column[inside], beyond + row[inside] - column[inside]] = parts[:, inside]
+        reached = np.zeros((3, free, ahead))
+        reached[:, row[known], column[known]] = parts[:, known]
         forced = np.pad(loads[BOUNDARY_NODES:].reshape(free, -1), ((0, 0), (held.shape[-1], 0)))
-        pushed = forced - reached @ moved - pull @ (follow[:, :ahead] @ moved)
+        forced = forced - pull @ (follow[:, :ahead] @ moved)
+        entries, reactions = (
+            stiffness + 1j * rate * damping - rate**2 * mass
+            for stiffness, damping, mass in (diagonals, reached @ moved)
+        )
+        pushed = forced - reactions
         # the loads of lines couple all nodes: eliminated last (Woodbury)
         pulled = np.broadcast_to(pull, (frequency.size, *pull.shape))
         answers = solve_banded(
             (beyond, beyond),
-            diagonals.reshape(2 * beyond + 1, -1),
+            # all frequencies one behind the other: one system, whose parts do not meet
+            entries.reshape(-1, 2 * beyond + 1).T,
             np.concatenate([pushed, pulled], axis=2).reshape(frequency.size * free, -1),
             overwrite_ab=True,
             overwrite_b=True,

@@ -144,6 +144,7 @@ def play(
     into: Path | None = None,
     steps: int | None = None,
     notes: bool = True,
+    idle_notes: bool = True,
 ) -> Result:
     """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
 
@@ -156,7 +157,7 @@ def play(
     is lost. Large variables stay there until `Result.save` replaces these files. By the time
     ``steps`` of all runs of such a scenario `crinoid.simulation.chunk.chunk_program` chooses their
     program; those of this run if left out. Without ``notes`` the scenario and its loop are not
-    judged.
+    judged, without ``idle_notes`` the run without control.
     """
     scenario = prepared.scenario
     steps = scenario.simulation.steps if steps is None else steps
@@ -174,7 +175,9 @@ def play(
             earlier = resume.uncontrolled if resume is not None else None
             path = None if into is None else into / UNCONTROLLED
             label = "uncontrolled"
-            result.uncontrolled = _run(idle, label, report, earlier, asked, path, steps)
+            result.uncontrolled = _run(
+                idle, label, report, earlier, asked, path, steps, with_notes=idle_notes
+            )
     return with_loop_notes(result)
 
 
@@ -203,6 +206,8 @@ def _run(
     stop: Callable[[], bool],
     path: Path | None,
     steps_in_all: int,
+    *,
+    with_notes: bool = True,
 ) -> Result:
     scenario, loop = setup.prepared.scenario, setup.loop
     stride, run_chunk = scenario.output_steps, chunk_program(steps_in_all)
@@ -243,7 +248,7 @@ def _run(
     if done < total and not (trouble or failed):
         trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
     dataset = sink.close(carry, wall_time)
-    return conclude(setup, carry, dataset, trouble, failed, wall_time)
+    return conclude(setup, carry, dataset, trouble, failed, wall_time, with_notes=with_notes)
 
 
 @compiled(**ONCE)

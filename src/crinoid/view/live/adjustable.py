@@ -220,8 +220,8 @@ def adjusted_flows(
     for index, (before, after) in enumerate(zip(now, flows, strict=True)):
         if isinstance(before, Turbulence) and isinstance(after, Turbulence):
             phases = np.asarray(before.phases)
-            angle = np.asarray(before.wave_vectors) @ (place - moved)
-            angle -= np.asarray(after.wave_vectors) @ (place - moves)
+            angle = (place - moved) @ np.asarray(before.wave_vectors)
+            angle -= (place - moves) @ np.asarray(after.wave_vectors)
             if angle.any():
                 phases = np.mod(phases + angle / (2 * np.pi), 1.0)
             flows[index] = replace(after, phases=array(phases))
