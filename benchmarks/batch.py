@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from functools import partial
 
 import jax
@@ -70,9 +69,8 @@ def _bare(scenario: Scenario, arms: int) -> dict[str, Callable[[], None]]:
     def run(many: Callable[..., Array], threads: int) -> None:
         parts = [part for part in jnp.array_split(commands, threads) if len(part)]
         with ThreadPoolExecutor(len(parts)) as pool:
-            # a thread has its own context, in which programs would not be kept
-            runs = [partial(copy_context().run, many, system, rest, part) for part in parts]
-            found = [future.result() for future in [pool.submit(run) for run in runs]]
+            runs = [pool.submit(many, system, rest, part) for part in parts]
+            found = [run.result() for run in runs]
         if not all(np.isfinite(part).all() for part in found):
             raise RuntimeError("a step of the batch failed")
 

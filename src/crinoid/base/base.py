@@ -168,6 +168,7 @@ class Servo(Actuator):
 
 
 Time = Float[Array, ""]
+Turns = tuple[tuple[Array, ...], tuple[Array, ...]]
 
 
 class BaseMotion(eqx.Module):
@@ -286,9 +287,7 @@ class Base(eqx.Module):
 
         Turned by pan, by tilt and by roll, from t = x, m_1 = y, m_2 = z.
         """
-        (_, c, cr), (_, s, sr) = self._turns(pose)
-        parts = [[c, jnp.zeros(()), s], [-sr * s, cr, sr * c], [-cr * s, -sr, cr * c]]
-        return self._panned(pose, parts)
+        return _frame(self._turns(pose))
 
     def rotation(self, pose: Channels) -> Float[Array, "d d"]:
         """Return the matrix that turns what the base carries from its set pose into a pose."""
@@ -312,7 +311,7 @@ class Base(eqx.Module):
             lever = jnp.stack([tangent, turn * normal, faster * normal - turn**2 * tangent])
             ghost = root - self.ghost_length * lever
             return Prescribed(*jnp.stack([ghost, root], axis=1), None)
-        (_, c, _), (_, s, _) = self._turns(pose)
+        turns = (_, c, _), (_, s, _) = self._turns(pose)
         pan, tilt, roll = rate[3], rate[4], rate[5]
         more_pan, more_tilt, more_roll = second[3], second[4], second[5]
         ahead = more_tilt * s + (tilt**2 + pan**2) * c
@@ -322,7 +321,7 @@ class Base(eqx.Module):
             [-tilt * s, pan * c, tilt * c],
             [-ahead, aside, more_tilt * c - tilt**2 * s],
         ]
-        ghost = root - self.ghost_length * self._panned(pose, parts)
+        ghost = root - self.ghost_length * _panned(turns, parts)
         still = jnp.zeros(3)
         spin = jnp.stack([pan * s + roll, more_pan * s + pan * tilt * c + more_roll])
         velocity, acceleration = jnp.concatenate(
@@ -332,21 +331,16 @@ class Base(eqx.Module):
             ],
             axis=2,
         )
-        return Prescribed(jnp.stack([ghost[0], root[0]]), velocity, acceleration, self.frame(pose))
+        return Prescribed(jnp.stack([ghost[0], root[0]]), velocity, acceleration, _frame(turns))
 
     def prescribe(self, time: Float[Array, ""], servo: ServoState) -> Prescribed:
         """Return how the ghost node and the root move at ``time``."""
         return self.moving(*self.pose(time, servo))
 
-    def _turns(self, pose: Channels) -> tuple[Array, Array]:
+    def _turns(self, pose: Channels) -> Turns:
         """Return the cosines and the sines of pan, tilt and roll."""
         angles = self.angles + pose[3:]
-        return jnp.cos(angles), jnp.sin(angles)
-
-    def _panned(self, pose: Channels, parts: list[list[Array]]) -> Float[Array, "3 3"]:
-        """Return vectors from their parts along the panned x and y, and along z."""
-        (c, _, _), (s, _, _) = self._turns(pose)
-        return jnp.stack([jnp.stack([c * x - s * y, s * x + c * y, z]) for x, y, z in parts])
+        return tuple(jnp.cos(angles)), tuple(jnp.sin(angles))
 
     @staticmethod
     def wrench(
@@ -364,3 +358,15 @@ class Base(eqx.Module):
             return force, -(behind[..., 0] * push[..., 1] - behind[..., 1] * push[..., 0])
         tangent = -behind / jnp.sqrt(dot(behind, behind))[..., None]
         return force, -cross(behind, push) - reaction[..., 1, 3:] * tangent
+
+
+def _frame(turns: Turns) -> Float[Array, "3 3"]:
+    (_, c, cr), (_, s, sr) = turns
+    parts = [[c, jnp.zeros(()), s], [-sr * s, cr, sr * c], [-cr * s, -sr, cr * c]]
+    return _panned(turns, parts)
+
+
+def _panned(turns: Turns, parts: list[list[Array]]) -> Float[Array, "3 3"]:
+    """Return vectors from their parts along the panned x and y, and along z."""
+    (c, _, _), (s, _, _) = turns
+    return jnp.stack([jnp.stack([c * x - s * y, s * x + c * y, z]) for x, y, z in parts])

@@ -42,7 +42,7 @@ class Arm(eqx.Module):
 
     def _memory(self, motion: Motion, method: str) -> Memory:
         def one(element: Element) -> Any:
-            if getattr(type(element), method) is getattr(Element, method):
+            if not element.remembers:
                 return None
             owned = windows.motion_windows(element, motion)
             return jax.vmap(lambda e, m: getattr(e, method)(m))(element, owned)

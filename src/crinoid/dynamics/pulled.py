@@ -188,7 +188,7 @@ def _settled(
     motion = statics.static_motion(forces, time, position, frames)
     memory = tuple(
         jax.vmap(lambda e, m: e.advance(m))(each, windows.motion_windows(each, motion))
-        if isinstance(each, Threads)
+        if isinstance(each, Threads) and each.remembers
         else None
         for each in forces.elements
     )

@@ -20,6 +20,7 @@ from crinoid.dynamics.tangent import Tangent
 from crinoid.elements import Motion
 from crinoid.numerics.banded import pad_columns, with_first_rows
 from crinoid.numerics.frames import Frames, Orientation, cross, dot, tangents
+from crinoid.numerics.small_matrices import product
 from crinoid.rod.reference import Reference
 
 
@@ -68,6 +69,17 @@ _JERKY = 1.0
 It is 1.5 for noise, 3 for a sign that alternates from step to step, 0.1 for resolved motion.
 """
 
+_GUESSES = np.array(
+    [[1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0, 0.0], [1.0, 2.0, -2.0, -1.0, 1.0]]
+)
+"""Three predictions of an acceleration from those of the five steps before, the last one first.
+
+The trapezoid rule does not damp stiff motion; its acceleration alternates in sign (Hairer and
+Wanner 1996, section IV.3), as in the second prediction. The means ``(a + 2 a' + a'') / 4`` over
+three steps do not alternate: they are the second differences of its positions, over the step
+squared. The third prediction extrapolates these by a parabola, and the alternation as well, for
+steps of equal length.
+"""
 _CAUTION = np.array([1.0, 2.0, 16.0])
 """Weights of the squared errors of three predictions; the last one assumes smooth motion."""
 
@@ -83,23 +95,13 @@ def expected_acceleration(forces: Forces, state: State) -> Rows:
     acceleration stays constant.
     """
     known = jnp.concatenate([state.motion.acceleration[None], state.acceleration_history])
-    errors = [forces.nodes(known[0] - guess) for guess in _guesses(known[1:])]
-    unlike = jnp.stack([jnp.sum(jnp.diff(error, axis=0) ** 2) for error in errors])
+    past = known[1:].reshape(5, -1)
+    guesses = product(jnp.asarray(_GUESSES), past).reshape(-1, *known.shape[1:])
+    errors = (known[0] - guesses)[:, forces.rows.nodes]
+    unlike = jnp.sum((errors[:, 1:] - errors[:, :-1]) ** 2, axis=(1, 2))
     best = jnp.where(state.predictor_accepted, 0, jnp.argmin(_CAUTION * unlike))
-    return jax.lax.select_n(best.astype(jnp.int32), *_guesses(known[:-1]))
-
-
-def _guesses(known: Float[Array, "5 rows b"]) -> list[Rows]:
-    """Predict an acceleration from those of the five steps before, the last one first.
-
-    The trapezoid rule does not damp stiff motion; its acceleration alternates in sign (Hairer and
-    Wanner 1996, section IV.3), as in the second prediction. The means ``(a + 2 a' + a'') / 4`` over
-    three steps do not alternate: they are the second differences of its positions, over the step
-    squared. The third prediction extrapolates these by a parabola, and the alternation as well, for
-    steps of equal length.
-    """
-    a, b, c, d, e = known
-    return [a, b, a + 2.0 * (b - c) - d + e]
+    now = known[:-1].reshape(5, -1)
+    return product(jnp.asarray(_GUESSES)[best], now).reshape(known.shape[1:])
 
 
 def first_guess(

@@ -91,6 +91,10 @@ class Stretch(Element):
         energy = self.material.energy(strain, self.memory, self.step)
         return self.EA * self.rest_length * energy
 
+    @property
+    def remembers(self) -> bool:
+        return self.material.relaxation is not None
+
     def steady(self, motion: Motion) -> Any:
         return self.material.steady(self._strain(motion)[0])
 
@@ -224,6 +228,10 @@ class Bend(Linearised):
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strain = Turn.of(motion.position).strain - self.rest_strain
         return self.stiffness * self.material.energy(strain, self.memory, self.step)
+
+    @property
+    def remembers(self) -> bool:
+        return self.material.relaxation is not None
 
     def steady(self, motion: Motion) -> Any:
         return self.material.steady(Turn.of(motion.position).strain - self.rest_strain)

@@ -230,6 +230,11 @@ class Element(eqx.Module):
         """Return the element with its memory at the start of a step, or without one."""
         return replace(self, memory=memory, step=step)  # type: ignore[call-arg]
 
+    @property
+    def remembers(self) -> bool:
+        """Whether it has a memory."""
+        return type(self).steady is not Element.steady
+
     def steady(self, motion: Motion) -> Any:
         """Return the memory of a window at the start of a run; None for a law without memory."""
         return None

@@ -293,6 +293,10 @@ class BendTwist(Linearised):
         energy = self.material.energy(strained, self.memory, self.step)
         return jnp.sum(self.stiffness * energy)
 
+    @property
+    def remembers(self) -> bool:
+        return self.material.relaxation is not None
+
     def steady(self, motion: Motion) -> Any:
         return self.material.steady(self.strains(motion) - self.rest_strain)
 

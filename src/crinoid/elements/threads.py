@@ -120,17 +120,17 @@ class Threads(Linearised):
         still = jnp.zeros_like(now.path)
         return eqx.tree_at(lambda e: e.capstan.reach, moved, still)
 
-    def steady(self, motion: Motion) -> Sliding | None:
-        if self.friction is None:
-            return None
+    @property
+    def remembers(self) -> bool:
+        return self.friction is not None
+
+    def steady(self, motion: Motion) -> Sliding:
         path, wrap = self._wrapped(motion)
         if self.memory is None:
             return Sliding(jnp.zeros_like(path), path, path, wrap, jnp.ones_like(path))
         return Sliding(self.memory.direction, path, path, wrap, self._factor(path))
 
-    def advance(self, motion: Motion) -> Sliding | None:
-        if self.friction is None:
-            return None
+    def advance(self, motion: Motion) -> Sliding:
         path, wrap = self._wrapped(motion)
         return self.memory._replace(path=path, wrap=wrap, factor=self._factor(path))
 

@@ -186,8 +186,7 @@ class Flow(eqx.Module):
 
     def jet(self, point: Point, time: Time) -> Jet:
         """Return the velocity at a point (m) and a time (s) with its derivatives."""
-        onset = jax.jvp(self.onset, (time,), (jnp.ones_like(time),))
-        return self.fully_on_jet(point, time).times(*onset)
+        return self.fully_on_jet(point, time).times(*self.onset.with_rate(time))
 
 
 class Everywhere(Flow):
@@ -218,8 +217,9 @@ class Everywhere(Flow):
         return displacement(self.onset, self.path, time, self.panels)
 
     def jet(self, point: Point, time: Time) -> Jet:
-        moving = jax.jvp(lambda t: self.velocity(point, t), (time,), (jnp.ones_like(time),))
-        return Jet.everywhere(*moving)
+        velocity, rate = jax.jvp(self.at, (time,), (jnp.ones_like(time),))
+        factor, rising = self.onset.with_rate(time)
+        return Jet.everywhere(factor * velocity, factor * rate + rising * velocity)
 
 
 class Water(eqx.Module):

@@ -68,12 +68,19 @@ class Onset(eqx.Module):
         array
             From 0 to 1, for each window.
         """
+        return self.with_rate(time)[0]
+
+    def with_rate(self, time: Float[Array, ""] | float) -> tuple[Array, Array]:
+        """Return the factor and its rate (1/s); a jump has none."""
         since = time - self.start
         ramped = self.ramp_time > 0
-        progress = jnp.clip(since / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0)
+        turning = jnp.pi / jnp.where(ramped, self.ramp_time, 1.0)
+        phase = jnp.clip(turning * since, 0.0, jnp.pi)
         on = jnp.where(self.start > 0, _unit_step(since), since >= -_SLACK)
-        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), on)
-        return factor * (1.0 - _unit_step(time - self.stop))
+        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(phase), on)
+        rate = jnp.where(ramped & (phase < jnp.pi), 0.5 * turning * jnp.sin(phase), 0.0)
+        there = 1.0 - _unit_step(time - self.stop)
+        return factor * there, rate * there
 
     def whole(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
         """Return 1 from the start to the stop, else 0: for a body, which is never half."""

@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
-from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
 from itertools import repeat
@@ -304,8 +303,7 @@ class _Batch(Generic[T]):
                     except ScenarioError as error:
                         self.found[index] = self.arm_of(error)
                         continue
-                    # a thread has its own context, in which programs would not be kept
-                    pending[pool.submit(copy_context().run, run, index, prepared)] = index
+                    pending[pool.submit(run, index, prepared)] = index
                 for future in wait(pending, _LOOK, FIRST_COMPLETED).done:
                     self.found[pending.pop(future)] = future.result()
                 self.report_progress()
