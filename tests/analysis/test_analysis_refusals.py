@@ -28,7 +28,7 @@ COMMANDS = {
     "flow pier.csv --set flow.0.skip=3": "--set: got",
     "linearise arm.toml --to csv": '--to: got "csv"; must be "npz", "mat" or "json"',
     "margins arm.toml": 'control.kind: got "none"; must be a controller, such as "pid"',
-    "modes arm.toml --count 0": "--count: got 0; must be 1 to 10",
+    "modes arm.toml --count 0": "--count: got 0; must be at least 1",
     "modes arm.toml --set vary.seed=[1,2]": "vary: a mode is of one case",
 }
 

@@ -131,18 +131,19 @@ class VortexParameters(eqx.Module):
         """Build the element of a rod in water of a density (kg/m3)."""
 
         def oscillator(kind: type[Oscillator], *numbers: Array | None) -> Oscillator:
-            return kind(*(jnp.broadcast_to(number, (2,)) for number in (_HARMONICS, *numbers)))
+            both = (jnp.broadcast_to(number, (2,)) for number in numbers if number is not None)
+            return kind(jnp.asarray(_HARMONICS), *both)
 
         if self.centre is not None:
-            both = oscillator(Synchronisation, self.centre, self.range)
+            found = oscillator(Synchronisation, self.centre, self.range)
         else:
-            both = oscillator(WakeOscillator, self.strouhal, self.coupling, self.damping)
+            found = oscillator(WakeOscillator, self.strouhal, self.coupling, self.damping)
         return Vortices.of(
             rod,
             density=density,
             coefficients=jnp.stack([self.lift, self.in_line]),
             angles=self.angles,
-            oscillator=both,
+            oscillator=found,
         )
 
 

@@ -196,14 +196,14 @@ def transition(
     """Linearise the time step from ``state`` under ``command``: the derivative of the step."""
     followers = system.followers
     before = LocalCoordinates(system, state)
-    at_start = before.driven(before.actuators)
-    ends = followed(followers, at_start, command, step)
-    after = LocalCoordinates(system, system.step_with(state, ends, step)[0])
+    ends = followed(followers, before.driven(before.actuators), command, step)
+    at_end, shaped = numbers_of(tuple(ends))
     water = jnp.zeros((2, state.motion.position.shape[0], system.forces.axes))
 
     def move(arm: Array, held: Array, driven: Array, water: Array) -> Array:
-        start, ends = before.at(arm, held), after.driven(driven)
-        return after.read(system.step_with(start, ends, step, FlowPerturbation(*water))[0])[0]
+        change = FlowPerturbation(*water)
+        after, _ = system.step_with(before.at(arm, held), shaped(driven), step, change)
+        return LocalCoordinates(system, jax.lax.stop_gradient(after)).read(after)[0]
 
     def follow(actuators: Array, command: Array) -> Array:
         ends = followed(followers, before.driven(actuators), command, step)
@@ -213,7 +213,7 @@ def transition(
         return output(before.at(arm, actuators))
 
     at = (before.arm, before.actuators)
-    arm, held, driven, stirred = _slopes(move, (*at, after.actuators, water))
+    arm, held, driven, stirred = _slopes(move, (*at, at_end, water))
     actuators, commanded = _slopes(follow, (before.actuators, command))
     return Transition(
         arm, held, driven, stirred[:, 0], stirred[:, 1], actuators, commanded, *_slopes(see, at)

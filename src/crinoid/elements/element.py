@@ -86,15 +86,12 @@ class Motion(eqx.Module):
         sizes = [part.shape[1] for part in parts]
         cut = jax.lax.split(taken := take(jnp.concatenate(parts, axis=1)), sizes, taken.ndim - 1)
         orientation = Orientation(cut[5], cut[6][..., 0], cut[7]) if len(cut) > 5 else None
-        return Motion(
-            *cut[:5],
-            jnp.broadcast_to(self.time, count),
-            orientation,
-            *(
-                None if all_ is None else jnp.broadcast_to(all_, (*count, all_.size))
-                for all_ in (self.drive, self.line)
-            ),
+        drive, line = (
+            None if all_ is None else jnp.broadcast_to(all_, (*count, all_.size))
+            for all_ in (self.drive, self.line)
         )
+        time = jnp.broadcast_to(self.time, count)
+        return Motion(cut[0], cut[1], cut[2], cut[3], cut[4], time, orientation, drive, line)
 
 
 class TangentDirection(eqx.Module):

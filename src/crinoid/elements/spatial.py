@@ -83,7 +83,7 @@ class Edges(NamedTuple):
         Forces on the edges' vectors (N) and torques about them (N m).
         """
         force, torque = cross(moment, self.tangent), dot(moment, self.tangent)[:, None]
-        return _SIGN * jnp.concatenate([force / self.length, torque], axis=1)
+        return jnp.concatenate([force / self.length, torque], axis=1) * _SIGN
 
     def turns(self, lean: Float[Array, "2 3"] | None = None) -> Float[Array, "2 3 4"]:
         """Return the derivatives of the relative turn, at fixed directors or with a ``lean``."""
@@ -91,7 +91,7 @@ class Edges(NamedTuple):
         if lean is not None:
             swung += _outer(self.tangent, lean)
         swung /= self.length[..., None]
-        return _SIGN[..., None] * jnp.concatenate([swung, self.tangent[..., None]], axis=2)
+        return jnp.concatenate([swung, self.tangent[..., None]], axis=2) * _SIGN[..., None]
 
     def force_slopes(self, moment: Vector) -> Float[Array, "2 4 4"]:
         """Return the derivatives of the `forces` on each edge by itself at a fixed moment."""
@@ -100,20 +100,20 @@ class Edges(NamedTuple):
         force = (product(_skew(moment), swing) - pull) / length
         torque = product(moment[None], swing)
         slopes = jnp.concatenate([force, torque], axis=1)
-        return _SIGN[..., None] * jnp.pad(slopes, ((0, 0), (0, 0), (0, 1)))
+        return jnp.pad(slopes, ((0, 0), (0, 0), (0, 1))) * _SIGN[..., None]
 
     def turning_slopes(self) -> Float[Array, "2 3 4"]:
         """Return the derivatives of `turning` by each edge at fixed velocities."""
         swing = self.length[..., None] * self.swing
         changed = self.spin_rate[..., None] * swing - product(_skew(self.rate), swing)
         changed -= _outer(cross(self.tangent, self.rate), self.tangent)
-        slopes = _SIGN[..., None] * changed / self.length[..., None]
+        slopes = changed / self.length[..., None] * _SIGN[..., None]
         return jnp.pad(slopes, ((0, 0), (0, 0), (0, 1)))
 
     @property
     def swing(self) -> Float[Array, "2 3 3"]:
         """Derivatives of the tangents by the vectors along the edges."""
-        return (np.eye(3) - _outer(self.tangent, self.tangent)) / self.length[..., None]
+        return (jnp.eye(3) - _outer(self.tangent, self.tangent)) / self.length[..., None]
 
 
 class NodeStrain(NamedTuple):
@@ -309,7 +309,8 @@ def node_kinematics(motion: Motion) -> tuple[Edges, NodeStrain]:
     """Return the two edges of a window, and the strains of their node."""
     assert motion.orientation is not None
     edges, orientation = Edges.of(motion), motion.orientation
-    strain = NodeStrain.of(*edges.tangent, orientation.director[1], orientation.twist[1])
+    a, b = edges.tangent
+    strain = NodeStrain.of(a, b, orientation.director[1], orientation.twist[1])
     return edges, strain
 
 
