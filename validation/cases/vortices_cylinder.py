@@ -31,10 +31,10 @@ _PERIODS, _STEPS = 60, 200
 """Periods of the springs in a run, and steps in each."""
 
 
-def _oscillator(model: type[Oscillator]) -> Oscillator:
-    wake = _STROUHAL, _COUPLING, _EPSILON
+def _oscillator(model: type[Oscillator], *shape: int) -> Oscillator:
+    wake = (_STROUHAL, _COUPLING, _EPSILON)
     numbers = wake if model is WakeOscillator else (_CENTRE, _RANGE)
-    return model(1, *map(jnp.asarray, numbers))
+    return model(*(jnp.full(shape, number) for number in (1.0, *numbers)))
 
 
 @eqx.filter_jit
@@ -113,8 +113,8 @@ def _window(element: Element) -> Any:
 
 def _vortices(model: type[Oscillator], lift: float) -> Vortices:
     numbers = {"coefficients": jnp.array([lift, 0.0]), "angles": jnp.zeros((2, 2))}
-    oscillators = (_oscillator(model),) * 2
-    return _window(Vortices.of(_ROD, density=_DENSITY, oscillators=oscillators, **numbers))
+    both = _oscillator(model, 2)
+    return _window(Vortices.of(_ROD, density=_DENSITY, oscillator=both, **numbers))
 
 
 def _moving(y: Array, velocity: Array, acceleration: Array) -> Motion:
