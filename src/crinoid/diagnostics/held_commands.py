@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -38,8 +37,9 @@ def _jumps(dataset: xr.Dataset, system: System, facts: Facts) -> Float[np.ndarra
     apart = np.diff(time, prepend=2 * time[0] - time[1])[:, None]
     changes = np.abs(np.diff(command, axis=0, prepend=command[:1]))
     changes *= np.minimum(1 / (facts.scenario.control_rate_hz * apart), 1.0)
-    servo = jax.tree.map(np.asarray, system.base.servo)  # for which nothing need be compiled
-    return np.minimum(servo.natural**2 * changes, 2 * servo.max_acceleration)
+    servo = system.base.servo
+    most = 2 * np.asarray(servo.max_acceleration)
+    return np.minimum(np.asarray(servo.natural) ** 2 * changes, most)
 
 
 def held_commands_note(dataset: xr.Dataset, system: System, facts: Facts) -> str:
