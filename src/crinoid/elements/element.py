@@ -81,6 +81,8 @@ class Motion(eqx.Module):
         parts = [rows[:, :width] for rows in (self.position, self.velocity, self.acceleration)]
         parts += [self.flow_velocity, self.flow_acceleration]
         if oriented and (edges := self.orientation) is not None:
+            nodes = edges.twist.shape[0]  # other bodies have rows too, but no edges
+            parts = [part[:nodes] for part in parts]
             parts += [edges.director, edges.twist[:, None], edges.lean]
         # cut together: less to compile
         sizes = [part.shape[1] for part in parts]
