@@ -55,7 +55,7 @@ def _sizes(scope: Scope) -> Rows:
             "time step": jax.make_jaxpr(system.step)(state, command),
             "equilibrium": jax.make_jaxpr(partial(find_state.function, system, True))(),
         }.items():
-            yield row(f"{program}, {axes}", "equations", "1", [equations(traced.jaxpr)])
+            yield row(f"{program}, {axes}", "equations", "1", [float(equations(traced.jaxpr))])
 
 
 def equations(traced: Any) -> int:
