@@ -25,7 +25,7 @@ _said: set[str] = set()
 
 
 def about(subject: str) -> None:
-    """Set what is compiled from now on, in words of a user, such as "the arm in space"."""
+    """Set the subject of later messages, such as "the arm in space"."""
     global _subject
     _subject = subject
 

@@ -196,9 +196,9 @@ class Store:
 
     @contextmanager
     def claim(self, key: bytes) -> Iterator[None]:
-        """Lock a key against other processes that compile it, unless one takes very long.
+        """Lock a key while a process compiles its program; others wait at most a minute.
 
-        The system unlocks it where a process dies.
+        The operating system removes the lock of a process that ends.
         """
         lock = filelock.FileLock(self.folder / f"{key.hex()[:2]}.lock")
         with suppress(OSError, NotImplementedError, filelock.Timeout):  # then several compile it

@@ -165,9 +165,9 @@ def equilibrium(
     Where the arm ``follows`` changing loads, it bears them all from the beginning: from ``start``
     it creeps through the viscous medium to the equilibrium that it reaches there.
 
-    Returns the positions (m; the first two as in ``start``, and those of the
-    obstacles), in space the frames there, and the outcome: the balance in the water there, with all
-    iterations counted. Positions and spins are differentiable as the solution of the balance.
+    Returns the positions (m; the first two as in ``start``, and those of the obstacles), in space
+    the frames there, and the outcome: the balance in the water there, with all iterations counted.
+    Positions and spins are differentiable as the solution of the balance.
     """
     tip = forces.nodes(start).shape[0] - 1
     along = jnp.linspace(0.0, 1.0, tip - 1)[1:, None]
@@ -209,8 +209,8 @@ def equilibrium(
         def attempt(
             trial: tuple[Rows, Surroundings, Array], solves: Bool[Array, ""]
         ) -> tuple[tuple[Rows, Surroundings, Array], Outcome]:
-            # one solve with its residual and tangent, in one place: most of the program. Without
-            # iterations it judges
+            # a solve is most of the program, so it is traced once; without iterations it
+            # evaluates the residual
             correction, around, shift = trial
             medium = jnp.where(bare, 0.0, shift)
             stage = static_stage(time, shape.position, shape.frames, medium)
@@ -227,7 +227,7 @@ def equilibrium(
             fastest = rates.stiffest + rates.by_load * outcome.scale / load_factor
             return (correction, around, jnp.where(shift < 0, fastest, shift)), outcome
 
-        # judged in the water here, solved there, judged in the water where that leads
+        # the residual of the shape, a solve, and the residual in the water at the new shape
         (correction, _, known_shift), outcomes = jax.lax.scan(
             attempt, (none, no_water, search.shift), jnp.array([False, True, False])
         )

@@ -84,7 +84,7 @@ class Motion(eqx.Module):
             nodes = edges.twist.shape[0]  # other bodies have rows too, but no edges
             parts = [part[:nodes] for part in parts]
             parts += [edges.director, edges.twist[:, None], edges.lean]
-        # cut together: less to compile
+        # one slice for all fields: less to compile
         sizes = [part.shape[1] for part in parts]
         cut = jax.lax.split(taken := take(jnp.concatenate(parts, axis=1)), sizes, taken.ndim - 1)
         orientation = Orientation(cut[5], cut[6][..., 0], cut[7]) if len(cut) > 5 else None

@@ -78,7 +78,7 @@ class Edges(NamedTuple):
         return rates[1] - rates[0]
 
     def forces(self, moment: Vector) -> OnEdges:
-        """Return what a moment does that the first edge takes and the second one gives.
+        """Return the forces of a moment on the second edge, and of its opposite on the first.
 
         Forces on the edges' vectors (N) and torques about them (N m).
         """

@@ -156,7 +156,7 @@ class Optimisation:
         scenarios = [self._scenario(point) for point in points]
         runs = self.runs(scenarios, self.seeds[:1])[..., 0]
         slopes = (runs[1:] - runs[0]).T / steps
-        if self._stop():  # compiling the derivatives takes long
+        if self._stop():  # the derivatives need long to compile
             raise StoppedError
         try:
             self._loops = [

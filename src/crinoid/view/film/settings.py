@@ -17,6 +17,7 @@ PRESETS = {
 """Azimuth and elevation (deg) of the presets, which are those of the page."""
 FOLLOWED = ("none", "tip", "base")
 OTHER = ("ghost", "beside", "none")
+"""Ways to draw the run without control."""
 
 _SMALLEST, _LARGEST = 160, 3840  # pixels
 
