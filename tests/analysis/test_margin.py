@@ -212,7 +212,13 @@ def test_the_response_of_a_chain_is_that_of_its_full_matrix(size):
     loads = rng.normal(size=(nodes, size, drives))
     tip = rng.normal(size=(pose, 3, size - size // 4))
     frequency = np.array([0.1, 3.0])
-    response = Plant(*bands, Influence(held, loads, tip)).response(frequency)
+    plant = Plant(*bands, Influence(held, loads, tip))
+    response = plant.response(frequency)
+    # computed once for equal arms, and again for another
+    again = plant._replace(mass=plant.mass.copy())
+    assert again.response(frequency) is response
+    other = again._replace(mass=2 * plant.mass).response(frequency)
+    assert not np.allclose(other, response)
     stiffness, damping, mass = (dense(each).reshape((nodes * size,) * 2) for each in bands)
     for rate, found in zip(2 * np.pi * frequency, response, strict=True):
         full = stiffness + 1j * rate * damping - rate**2 * mass

@@ -131,6 +131,10 @@ def equilibrium(
     force: Force = False,
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
+    from crinoid.scenario.variation import read_variation
+
+    for each in vary or ():
+        read_variation(each)
     described = load_scenario(scenario, settings)
     folder = folder_for(out, scenario, "-equilibrium", settings)
     with Loading():

@@ -126,14 +126,8 @@ def find_damped_modes(
     slowest undamped modes are coordinates, and the result is refined by residual inverse iteration
     (Neumaier 1985, SIAM Journal on Numerical Analysis 22). Runs on the host.
 
-    Parameters
-    ----------
-    stiffness, damping, mass
-        Matrices of all nodes (N/m, N s/m, kg), as `crinoid.System.small_motions` returns them.
-    count
-        Number of modes; an arm with fewer gives all.
-    lines
-        Stiffness that lines add.
+    The matrices are those of all nodes (N/m, N s/m, kg), of `crinoid.System.small_motions`, and
+    ``lines`` the stiffness that lines add. An arm of fewer than ``count`` modes has all of them.
     """
     # slow to load, and many commands do without
     from scipy.linalg import eig, eigh

@@ -48,14 +48,8 @@ def find_modes(
     Round-off in the stiffness shifts the first bending frequency by a share that grows as the
     fourth power of the number of nodes, to some 1e-5 at 1000 nodes.
 
-    Parameters
-    ----------
-    stiffness, mass
-        Matrices of all nodes (N/m, kg), as `crinoid.System.linearise` returns them.
-    count
-        Number of modes; less than the coordinates of the free nodes.
-    lines
-        Stiffness that lines add.
+    The matrices are those of all nodes (N/m, kg), of `crinoid.System.linearise`, and ``lines`` the
+    stiffness that lines add. ``count`` is less than the coordinates of the free nodes.
     """
     # slow to load, and many commands do without
     from scipy.linalg import eigh

@@ -107,16 +107,9 @@ def follow(
 
     Where tendons rub it is known to the sliding within which their friction develops.
 
-    Parameters
-    ----------
-    reference, settings, time, frames
-        As those of `find`.
-    way
-        Forces before and after, which differ in numbers.
-    starts
-        The shape before, and the same with the base and the obstacles as they are after (m).
-    memory
-        That of the elements before.
+    On the ``way`` are the forces before and after, which differ in numbers. ``starts`` are the
+    shape before, and the same with the base and the obstacles as they are after (m); ``memory`` is
+    that of the elements before.
     """
     before, after = (each.frozen(time) for each in way)
     if not _rubs(after):

@@ -151,11 +151,6 @@ class State(eqx.Module):
         """Position of the centre of mass of a floating vehicle (m), if there is one."""
         return None if self.attitude is None else self.motion.position[..., CENTRE, : self._axes]
 
-    @property
-    def vehicle_velocity(self) -> Any:
-        """Velocity of the centre of mass of a floating vehicle (m/s), if there is one."""
-        return None if self.attitude is None else self.motion.velocity[..., CENTRE, : self._axes]
-
     def remembered(self, forces: Forces) -> Forces:
         """Return a copy of the forces with grip, memory and attitudes of this state."""
         forces = forces.remembering(self.memory, 0.0)

@@ -94,4 +94,5 @@ def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tup
             must = "have the smaller number first" if low > high else "name each key once"
             raise refusal("--draw", got(each, must))
         found[key] = low, high
+    scenario.with_values({key: low for key, (low, _) in found.items()})  # which refuses others
     return found
