@@ -174,7 +174,7 @@ def _table(quantity: str, rows: Sequence[Row]) -> Table:
 def shown(value: float, unit: str) -> str:
     """Return a value with its unit."""
     if unit == "1":
-        return f"{value:.3g}"
+        return f"{value:.3g}" if value < 1e3 else f"{value:,.0f}"
     if unit == "1/s":
         return f"{value:,.0f} 1/s"
     return (length_unit(abs(value)) if unit == "m" else si_unit(abs(value), unit)).text(value)

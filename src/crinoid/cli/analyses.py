@@ -21,8 +21,7 @@ from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER, plausibility
 from crinoid.foundation.status import Status
 from crinoid.recording import Recording
 from crinoid.scenario import Scenario
-from crinoid.view.figures.analyses import SLOWEST, no_swing
-from crinoid.view.figures.units import DEGREES, si_unit
+from crinoid.view.figures.units import DEGREES, SLOWEST, no_swing, si_unit
 
 
 def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:

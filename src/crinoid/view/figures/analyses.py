@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from crinoid.foundation.status import Status
 from crinoid.view.figures import style
-from crinoid.view.figures.units import largest
+from crinoid.view.figures.units import SLOWEST, largest, no_swing
 from crinoid.view.scene.data import in_space, is_spatial
 from crinoid.view.scene.projection import OBLIQUE, SIDE, PaperPoint, PaperPoints, View
 
@@ -173,7 +173,6 @@ _ACROSS = 6  # modes in a row
 _SWING = 0.22  # drawn amplitude of a mode, of the arm's length
 _PHASES = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 _STILL = 0.02  # displacement below which a mode is one of torsion
-SLOWEST = 1e-6  # frequency below which a mode does not oscillate (Hz)
 _UNDAMPED = 1e-6  # damping ratio below which a mode is undamped
 _GAP = (0.12, 0.4)  # inches, that above a panel for its title
 _LEFT, _BELOW, _HEADING, _HIGHEST = 0.12, 0.42, 0.28, 2.3  # inches
@@ -220,11 +219,6 @@ def draw_modes(modes: xr.Dataset) -> Figure:
     handles.append(Line2D([], [], color=style.SKY, linewidth=0.6, label="in between"))
     figure.legend(handles=handles, loc="lower center", ncols=4, borderaxespad=0.3)
     return figure
-
-
-def no_swing(ratio: float) -> str:
-    """Return the text for a mode without a frequency, by its damping ratio."""
-    return "overdamped" if ratio >= 1 else "no swing"
 
 
 def _draw(axes: Axes, mode: xr.Dataset, view: View) -> None:

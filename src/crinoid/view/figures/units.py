@@ -24,6 +24,7 @@ class Unit(NamedTuple):
 
 
 DEGREES = Unit(180.0 / np.pi, "deg")
+SLOWEST = 1e-6  # frequency below which a mode does not oscillate (Hz)
 
 
 def largest(*values: Float[np.ndarray, " ..."]) -> float:
@@ -59,3 +60,8 @@ def power_of_ten(power: int) -> str:
     """Write a power of ten with a raised exponent."""
     raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     return f"10{raised}"
+
+
+def no_swing(ratio: float) -> str:
+    """Return the text for a mode without a frequency, by its damping ratio."""
+    return "overdamped" if ratio >= 1 else "no swing"
