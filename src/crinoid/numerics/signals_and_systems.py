@@ -103,18 +103,9 @@ def von_karman(
     """Return von Karman's one-sided spectral density of a component (m2 s-2/Hz).
 
     For isotropic turbulence that drifts past a point (T. von Karman, Progress in the
-    statistical theory of turbulence, PNAS 34 (1948); ESDU 85020).
-
-    Parameters
-    ----------
-    frequency
-        Frequency (Hz).
-    standard_deviation
-        Standard deviation of the component (m/s).
-    passing_time
-        Longitudinal integral length over mean speed (s).
-    along
-        Square of the cosine between component and mean velocity: 1 along it, 0 across.
+    statistical theory of turbulence, PNAS 34 (1948); ESDU 85020). ``passing_time`` is the
+    longitudinal integral length over the mean speed (s), and ``along`` the square of the cosine
+    between component and mean velocity: 1 along it, 0 across. Frequencies in Hz, deviation in m/s.
     """
     reduced = (_LENGTH * passing_time * frequency) ** 2
     longitudinal = 4 / (1 + reduced) ** (5 / 6)
@@ -152,17 +143,8 @@ def balanced(
     lasting modes. The error of the transfer function is at most twice the sum of the truncated
     values (Glover 1984).
 
-    Parameters
-    ----------
-    A, B, C
-        Matrices of the model.
-    share
-        Hankel singular value, over the largest, of the least state of the reduced model.
-    most
-        Largest number of states besides lasting modes.
-    discount
-        Factor per step in the Gramians: below 1 it makes those of slowly decaying modes finite.
-        The matrices of the reduced model are not discounted.
+    ``discount`` is a factor per step in the Gramians: below 1 it makes those of slowly decaying
+    modes finite. The matrices of the reduced model are not discounted.
     """
     from scipy.linalg import schur, solve_sylvester  # slow to load
 

@@ -40,12 +40,29 @@ def _stored(content: bytes) -> Path:
     from crinoid.foundation.cache_folder import cache_folder  # only here: few scenarios need it
 
     folder = cache_folder(os.environ.get("JAX_COMPILATION_CACHE_DIR")) / "records"
-    path = folder / f"{hashlib.sha256(content).hexdigest()[:_DIGITS]}.nc"
+    path = folder / f"{_digest(content)[:_DIGITS]}.nc"
     if not path.exists():
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_write(path) as temporary:
             temporary.write_bytes(content)
     return path
+
+
+def _digest(content: bytes) -> str:
+    """Return a digest of what a netCDF file says; its bytes also have the second of its writing."""
+    import netCDF4
+
+    found = hashlib.sha256()
+    with netCDF4.Dataset("dataset", memory=content) as file:
+        file.set_auto_maskandscale(False)
+        found.update(repr({name: file.getncattr(name) for name in file.ncattrs()}).encode())
+        for each in file.variables.values():
+            about = {name: each.getncattr(name) for name in each.ncattrs()}
+            values = each[...]
+            known = each.name, each.dimensions, values.shape, values.dtype.str, about
+            content = repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
+            found.update(repr(known).encode() + content)
+    return found.hexdigest()
 
 
 def _writable(dataset: Any) -> Any:
