@@ -60,8 +60,8 @@ def _digest(content: bytes) -> str:
             about = {name: each.getncattr(name) for name in each.ncattrs()}
             values = each[...]
             known = each.name, each.dimensions, values.shape, values.dtype.str, about
-            content = repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
-            found.update(repr(known).encode() + content)
+            said = repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
+            found.update(repr(known).encode() + said)
     return found.hexdigest()
 
 

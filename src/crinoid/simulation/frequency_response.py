@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import pickle
 from typing import NamedTuple
@@ -35,7 +36,7 @@ class Plant(NamedTuple):
         of the base and the forces of the other inputs, exact for the discrete arm: one banded solve
         for all frequencies (LU, LAPACK).
         """
-        key = pickle.dumps((self, frequency))
+        key = hashlib.sha256(pickle.dumps((self, frequency))).digest()
         if (found := _known.get(key)) is None:
             found = self._solve(frequency)
             found.flags.writeable = False
