@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from crinoid.results.units import Unit, si_unit
 from crinoid.view.figures import style
-from crinoid.view.figures.units import Unit, si_unit
 
 Row = dict[str, Any]
 

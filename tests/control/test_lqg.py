@@ -15,10 +15,10 @@ from crinoid.assembly.observer import ReadingSchedule, values_in_current
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Braking, Clock, Sensor, TipPose, WaterVelocity
 from crinoid.control.lqg import nearest
-from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 from crinoid.numerics.signals_and_systems import balanced
 from crinoid.results.errors import tip_error
+from crinoid.results.saturation import limit_shares
 from crinoid.scenario import Scenario
 from crinoid.simulation.setup import set_up
 

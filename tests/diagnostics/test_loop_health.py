@@ -12,12 +12,12 @@ from crinoid.diagnostics.control_loop import (
     comparison,
     growth,
     limit_cycle,
-    limit_shares,
     loop_notes,
 )
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.errors import tip_error
 from crinoid.results.result import Result
+from crinoid.results.saturation import limit_shares
 
 TIME = np.arange(0.0, 30.001, 0.02)
 SLIDE = {"range": [0.0, 0.2], "max_speed": 0.1, "max_acceleration": 2.0}

@@ -8,8 +8,8 @@ import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.metrics import MEASURES, RunStatistics
+from crinoid.results.table import summary
 from crinoid.view.figures.charts.spectra import fluctuation_spectrum, load_chart
-from crinoid.view.figures.charts.summary import summary
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
 from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart

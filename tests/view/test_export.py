@@ -17,12 +17,12 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from crinoid.cli.folder import clear_figures
 from crinoid.cli.interruption import Interrupted
 from crinoid.results.own_files import is_own
+from crinoid.results.scene.bodies import rigid_bodies
+from crinoid.results.scene.data import in_space
+from crinoid.results.scene.mesh import BodyShape
+from crinoid.results.scene.scene import build_scene
 from crinoid.view.export import write_csv, write_gltf, write_usd, write_vtkhdf, write_xlsx
 from crinoid.view.export.vtkhdf import KINDS
-from crinoid.view.scene.bodies import rigid_bodies
-from crinoid.view.scene.data import in_space
-from crinoid.view.scene.mesh import BodyShape
-from crinoid.view.scene.scene import build_scene
 from helpers.command import call, refused, succeeded
 from helpers.planar_result import among_obstacles as planar_obstacles
 from helpers.planar_result import swaying_arm

@@ -7,10 +7,10 @@ import pytest
 
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.own_files import is_own
+from crinoid.results.scene.bodies import rigid_bodies
+from crinoid.results.scene.data import in_space
+from crinoid.results.scene.scene import build_scene
 from crinoid.view.export import write_mcap
-from crinoid.view.scene.bodies import rigid_bodies
-from crinoid.view.scene.data import in_space
-from crinoid.view.scene.scene import build_scene
 from helpers.command import refused, succeeded
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, curling_arm

@@ -14,13 +14,13 @@ from PIL import Image, ImageSequence
 
 from crinoid.cli.folder import clear_figures
 from crinoid.results.own_files import is_own
+from crinoid.results.scene.data import in_space
+from crinoid.results.scene.scene import build_scene
 from crinoid.view.figures.style import STYLE
 from crinoid.view.film.camera import film_settings
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
 from crinoid.view.film.surfaces import instant_of
-from crinoid.view.scene.data import in_space
-from crinoid.view.scene.scene import build_scene
 from helpers.command import call, refused, succeeded
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, among_solids, curling_arm

@@ -14,8 +14,8 @@ import pytest
 import xarray as xr
 
 from crinoid.results.result import Result
+from crinoid.results.table import summary
 from crinoid.scenario import Scenario
-from crinoid.view.figures.charts.summary import summary
 from crinoid.view.page.write import LARGEST
 from helpers.made_results import made_result
 from helpers.pages import HOSTILE, Tags

@@ -7,6 +7,8 @@ from html import escape
 import numpy as np
 import pytest
 
+from crinoid.results.scene.mount import base_directions
+from crinoid.results.scene.scene import build_scene
 from crinoid.view.figures import ReportError
 from crinoid.view.figures.charts.chart import Trace
 from crinoid.view.figures.run import Run, with_shapes
@@ -14,8 +16,6 @@ from crinoid.view.page.parts import Pack
 from crinoid.view.page.plots import RECORDS, extreme_instants
 from crinoid.view.page.scene import page_scene, scene_of
 from crinoid.view.page.write import page_of
-from crinoid.view.scene.mount import base_directions
-from crinoid.view.scene.scene import build_scene
 from helpers.figures import assert_report
 from helpers.pages import HOSTILE, Tags, positions, unpacked
 from helpers.planar_result import swaying_arm

@@ -7,6 +7,10 @@ import pytest
 from matplotlib.collections import LineCollection
 
 from crinoid.results.errors import angle_between
+from crinoid.results.scene.clip import obstacle_facets
+from crinoid.results.scene.data import find_obstacles
+from crinoid.results.scene.mount import base_directions
+from crinoid.results.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE, perspective
 from crinoid.view.figures.charts.drive import drive_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.paper import draw_chart
@@ -14,10 +18,6 @@ from crinoid.view.figures.run import Run
 from crinoid.view.figures.shape import draw_bending
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.surroundings import tool_facets
-from crinoid.view.scene.clip import obstacle_facets
-from crinoid.view.scene.data import find_obstacles
-from crinoid.view.scene.mount import base_directions
-from crinoid.view.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE, perspective
 from helpers.figures import assert_drawn, assert_report, quick_and_release
 from helpers.spatial_result import HIGH, LOW, among_obstacles, among_solids, curling_arm, frame
 from helpers.studies import save

@@ -7,13 +7,13 @@ import pytest
 from bokeh.document import Document
 from scipy import stats
 
+from crinoid.results.units import Unit
 from crinoid.scenario.library import load
 from crinoid.studies.statistics import Mean
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import study as charts
 from crinoid.view.figures import write_means, write_page, write_report
 from crinoid.view.figures.study import Study, effects_of, key_of, study_of
-from crinoid.view.figures.units import Unit
 from crinoid.view.page.study import MOST_CASES, study_page_of
 from helpers.figures import assert_shows_something
 from helpers.pages import HOSTILE, Tags

@@ -13,8 +13,8 @@ from crinoid_reef.wash import Wash
 
 import crinoid
 from crinoid.results.metrics import measured
+from crinoid.results.table import summary
 from crinoid.scenario import json_schema
-from crinoid.view.figures.charts.summary import summary
 
 SCENARIO = Path(__file__).parents[1] / "reef.toml"
 

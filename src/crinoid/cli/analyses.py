@@ -20,8 +20,8 @@ from crinoid.cli.interruption import Interruption
 from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER, plausibility_warnings
 from crinoid.foundation.status import Status
 from crinoid.recording import Recording
+from crinoid.results.units import DEGREES, SLOWEST, no_swing, si_unit
 from crinoid.scenario import Scenario
-from crinoid.view.figures.units import DEGREES, SLOWEST, no_swing, si_unit
 
 
 def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:

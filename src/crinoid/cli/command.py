@@ -62,8 +62,8 @@ def one_line_errors(
 ) -> Iterator[None]:
     """Print errors that a user can mend as one line each, without a traceback."""
     with Loading():
+        from crinoid.results.report_error import ReportError
         from crinoid.scenario.errors import ScenarioError
-        from crinoid.view.refusals import ReportError
 
     try:
         yield

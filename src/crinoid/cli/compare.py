@@ -23,7 +23,9 @@ from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
+from crinoid.results.measure_labels import label_of, main_measures, unit_for
 from crinoid.results.metrics import write_rows
+from crinoid.results.units import Unit, largest, si_unit
 from crinoid.scenario import Scenario
 from crinoid.studies.comparison import (
     COMPARISON,
@@ -35,8 +37,6 @@ from crinoid.studies.comparison import (
 )
 from crinoid.studies.statistics import Difference, Mean
 from crinoid.view.figures.controllers import speed_unit
-from crinoid.view.figures.measures import label_of, main_measures, mean_text, unit_for
-from crinoid.view.figures.units import Unit, largest, si_unit
 
 
 def compare_controllers(
@@ -88,7 +88,7 @@ def comparison_table(data: xr.Dataset) -> Table:
 
     def add(name: str, values: xr.DataArray, unit: Unit) -> None:
         head = f"{name} ({unit.name})" if unit.name else name
-        rows.append((head, *(mean_text(Mean.of(each), unit) for each in values.values)))
+        rows.append((head, *(Mean.of(each).text(unit) for each in values.values)))
 
     for name in main_measures(compared_measures(data)):
         add(label_of(name), data[name], unit_for(data[name]))
@@ -110,7 +110,7 @@ def comparison_table(data: xr.Dataset) -> Table:
     if len(kinds) > 1:
         best = best_controller(data)
         than = [Difference.of(values, rms.values[best]) for values in rms.values]
-        texts = [mean_text(each.mean, length) for each in than]
+        texts = [each.mean.text(length) for each in than]
         chances = ["-" if np.isnan(each.p_value) else f"{each.p_value:.1g}" for each in than]
         texts[best] = chances[best] = "-"
         rows += [

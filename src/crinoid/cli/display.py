@@ -19,13 +19,13 @@ from rich.text import Text
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
 from crinoid.diagnostics.plausibility import plausibility_warnings
+from crinoid.results.measure_labels import unit_of
 from crinoid.results.metrics import MEASURES, Measure
 from crinoid.results.result import Result
+from crinoid.results.table import equilibrium_summary, summary
+from crinoid.results.units import largest
 from crinoid.scenario import Scenario
-from crinoid.view.figures.charts.summary import equilibrium_summary, summary
-from crinoid.view.figures.measures import unit_of
 from crinoid.view.figures.study import short_keys
-from crinoid.view.figures.units import largest
 
 if TYPE_CHECKING:
     from crinoid.simulation import Progress as Reached

@@ -10,8 +10,8 @@ from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
 from crinoid.inverse import ESTIMATE
 from crinoid.inverse.estimation import estimated
+from crinoid.results.units import DEGREES, length_unit, si_unit
 from crinoid.scenario import Scenario
-from crinoid.view.figures.units import DEGREES, length_unit, si_unit
 
 _FAR = 2.0
 """Mean square of innovations beyond which the observer does not fit the log."""

@@ -15,13 +15,13 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.metrics import measures_of
 from crinoid.results.own_files import is_own
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
-from crinoid.view.refusals import ReportError
 
 Content = str | Callable[[Path], object]
 """Text of a file, or a function that writes it."""

@@ -18,8 +18,8 @@ from crinoid.inverse.gain_design import tunable_numbers
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.tuning import HELD_OUT, MARGINS, Tuning
 from crinoid.inverse.unknowns import Unknowns
+from crinoid.results.units import DEGREES, si_unit
 from crinoid.scenario import ScenarioText, counted
-from crinoid.view.figures.units import DEGREES, si_unit
 
 _LITTLE = 0.9
 """Tip error over that without control above which a tuning deserves a note."""

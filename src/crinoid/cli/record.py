@@ -34,10 +34,10 @@ from crinoid.recording.selection import read_selection
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import describe
 from crinoid.results.own_files import table_head
+from crinoid.results.units import Unit
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.document import override
 from crinoid.scenario.flow import Component, MeasuredFlow
-from crinoid.view.figures.units import Unit
 
 _COMPASS = ("east", "north", "up")
 _READING = (

@@ -12,21 +12,20 @@ from rich.table import Table
 
 from crinoid.cli.display import new_table, seed_notes
 from crinoid.cli.folder import clear_own
+from crinoid.results.measure_labels import (
+    head_of,
+    main_measures,
+    plain_number,
+    unit_of,
+)
 from crinoid.results.metrics import MEASURES, Measure, write_rows
+from crinoid.results.units import Unit, largest
 from crinoid.scenario import counted
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
 from crinoid.studies.statistics import MEANS, RUNS, SeedMean, mean_row, seed_means
 from crinoid.view.figures import write_means
-from crinoid.view.figures.measures import (
-    head_of,
-    main_measures,
-    mean_text,
-    plain_number,
-    unit_of,
-)
 from crinoid.view.figures.study import short_keys
-from crinoid.view.figures.units import Unit, largest
 
 _MOST_ROWS, _MOST_ACROSS = 24, 8
 _FEW, _FEW_EXTREMES = 3, 2
@@ -99,9 +98,7 @@ class SeedTables:
 
     def _grid(self, name: str, keys: list[str]) -> Table:
         found, unit = self._of(name)
-        cells = {
-            tuple(map(_words, each.values.values())): mean_text(each.mean, unit) for each in found
-        }
+        cells = {tuple(map(_words, each.values.values())): each.mean.text(unit) for each in found}
         down, across = keys
         levels = {key: self._levels(key) for key in keys}
         rows = [[one, *(cells[one, other] for other in levels[across])] for one in levels[down]]
@@ -114,7 +111,7 @@ class SeedTables:
         rows = [
             [
                 *map(_words, row[0].values.values()),
-                *(mean_text(each.mean, unit) for each, (_, unit) in zip(row, columns, strict=True)),
+                *(each.mean.text(unit) for each, (_, unit) in zip(row, columns, strict=True)),
             ]
             for row in zip(*(found for found, _ in columns), strict=True)
         ]

@@ -33,7 +33,9 @@ from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
+from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import CASES, measures_of
+from crinoid.results.units import length_unit
 from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
@@ -41,8 +43,6 @@ from crinoid.simulation.batch import cores
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore, has_zarr
-from crinoid.view.figures.measures import head_of, main_measures, unit_for
-from crinoid.view.figures.units import length_unit
 
 _MOST_TRIED = 1000
 """Values of a key that are tried before a sweep starts."""

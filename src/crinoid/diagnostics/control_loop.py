@@ -16,6 +16,7 @@ from crinoid.foundation.axes import CHANNELS
 from crinoid.results.chunks import pieces
 from crinoid.results.errors import judged
 from crinoid.results.result import Result
+from crinoid.results.saturation import controlled, limit_shares
 from crinoid.scenario import Scenario, SineFlow, SurfaceWaves, percent
 
 _LARGE, _SEEN_RINGING = 0.25, 0.05
@@ -75,18 +76,8 @@ def _inertia(system: System) -> tuple[Array, Array, Array]:
     return own, swung, error[0, 0]
 
 
-_AT_END = 1e-3
-"""Distance from the end of the travel, over the travel, that counts as its end."""
-_AT_SPEED, _AT_ACCELERATION = 0.99, 0.95
-"""Share of a limit that differences between saved instants reach at saturation."""
 _OFTEN = {"range": 0.02, "speed": 0.1, "acceleration": 0.1}
 """Share of the time in saturation that deserves a note."""
-
-_OF_LIMITS = (
-    *("base_servo", "channel_lower", "channel_upper", "channel_max_speed"),
-    *("channel_max_acceleration", "actuator_command"),
-)
-"""Variables that show saturation of an input."""
 
 _WINDOWS = 6
 _RISE, _GROWN = 1.25, 3.0
@@ -108,14 +99,6 @@ _NOTHING = 1e-4
 """Error over the length of the arm below which errors are not compared."""
 
 
-class AtLimit(NamedTuple):
-    """Share of the controlled time that an input spends at each of its limits."""
-
-    range: float
-    speed: float
-    acceleration: float
-
-
 class LimitCycle(NamedTuple):
     """Limit cycle of a control loop."""
 
@@ -125,59 +108,13 @@ class LimitCycle(NamedTuple):
     """RMS of the tip's error (m)."""
 
 
-def limit_shares(result: Result) -> dict[str, AtLimit]:
-    """Return the saturation of each driven input, by saved instants.
-
-    The ends of a channel's travel count once it has left its initial position. Of other inputs the
-    ends of their commands count, except 0.
-    """
-    scenario, data = result.scenario, result.dataset
-    if scenario.control.kind == "none" or "channel_lower" not in data:  # of an earlier version
-        return {}
-    data = data[[name for name in _OF_LIMITS if name in data]].isel(time=_controlled(result))
-    if data.sizes["time"] < 3:
-        return {}
-    return {
-        name: _of_channel(data.sel(channel=name))
-        if name in data["channel"]
-        else _of_actuator(data.sel(input=name))
-        for name in scenario.driven
-    }
-
-
-def _of_channel(data: xr.Dataset) -> AtLimit:
-    servo, time = data["base_servo"].values, data["time"].values
-    ends = _ends(servo, float(data["channel_lower"]), float(data["channel_upper"]))
-    ends &= np.cumsum(~ends) > 0
-    speed = np.diff(servo) / np.diff(time)
-    acceleration = np.diff(speed) / (0.5 * (time[2:] - time[:-2]))
-    return AtLimit(
-        float(np.mean(ends)),
-        _share(np.abs(speed) >= _AT_SPEED * float(data["channel_max_speed"])),
-        _share(np.abs(acceleration) >= _AT_ACCELERATION * float(data["channel_max_acceleration"])),
-    )
-
-
-def _of_actuator(data: xr.Dataset) -> AtLimit:
-    command = data["actuator_command"].values
-    ends = _ends(command, float(data["input_lower"]), float(data["input_upper"]))
-    return AtLimit(float(np.mean(ends & (command != 0))), 0.0, 0.0)
-
-
-def _ends(
-    values: Float[np.ndarray, " time"], lower: float, upper: float
-) -> Bool[np.ndarray, " time"]:
-    slack = _AT_END * (upper - lower)
-    return (values <= lower + slack) | (values >= upper - slack)
-
-
 def growth(result: Result) -> float | None:
     """Return the growth of the tip's error from the middle of a run to its end; None without any.
 
     The error grows if its RMS over sixths of the controlled time rises three times in a row, each
     time by a quarter or more, and at least twice as much as without control.
     """
-    windows = _windows(result, _controlled(result))
+    windows = _windows(result, controlled(result))
     if windows is None:
         return None
     late = windows[-4:]
@@ -186,7 +123,7 @@ def growth(result: Result) -> float | None:
     if small or rise < _GROWN or np.any(late[1:] < _RISE * late[:-1]):
         return None
     if result.uncontrolled is not None:
-        other = _windows(result.uncontrolled, _controlled(result))
+        other = _windows(result.uncontrolled, controlled(result))
         if other is not None and other[-1] > 0.5 * rise * other[-4]:
             return None
     return rise
@@ -200,7 +137,7 @@ def limit_cycle(result: Result) -> LimitCycle | None:
     exists, nothing else may oscillate.
     """
     scenario = result.scenario
-    which = np.flatnonzero(_controlled(result))
+    which = np.flatnonzero(controlled(result))
     which = which[which.size // 2 :]
     if scenario.control.kind == "none" or which.size < 4 * _CYCLES:
         return None
@@ -242,7 +179,7 @@ def comparison(result: Result) -> tuple[float, float] | None:
     """
     if result.uncontrolled is None:
         return None
-    which = _controlled(result) & judged(result)
+    which = controlled(result) & judged(result)
     on = float(np.ptp(result.dataset["time"].values[which])) if which.any() else 0.0
     if "natural_frequency" in result.dataset:
         first = float(result.dataset["natural_frequency"][0])
@@ -294,11 +231,6 @@ def loop_notes(result: Result) -> list[str]:
     return found
 
 
-def _controlled(result: Result) -> Bool[np.ndarray, " time"]:
-    time = result.dataset["time"].values
-    return time >= result.scenario.control.start - 1e-9
-
-
 def _windows(
     result: Result, which: Bool[np.ndarray, " time"]
 ) -> Float[np.ndarray, " window"] | None:
@@ -336,7 +268,3 @@ def _driven(scenario: Scenario) -> bool:
     """Return whether waves, the base or the target make the tip oscillate."""
     waves = any(isinstance(flow, SineFlow | SurfaceWaves) for flow in scenario.flow)
     return waves or bool(scenario.base.motion) or scenario.target.moves
-
-
-def _share(true: np.ndarray) -> float:
-    return float(np.mean(true)) if true.size else 0.0

@@ -1,4 +1,4 @@
-"""Results of a run: record, file, metrics.
+"""What a run leaves behind: dataset, scene, measures, tables.
 
 May import ``assembly`` and ``tables`` and lower folders.
 """

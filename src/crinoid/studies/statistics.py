@@ -12,6 +12,7 @@ from scipy.special import stdtr, stdtrit
 
 from crinoid.results.extremes import Gumbel, ReturnLevel
 from crinoid.results.metrics import Measure
+from crinoid.results.units import Unit
 
 MEANS = "means.csv"
 SEED = "seed"
@@ -44,6 +45,13 @@ class Mean(NamedTuple):
     def half(self) -> float:
         """Half of the width of the interval."""
         return (self.high - self.low) / 2
+
+    def text(self, unit: Unit) -> str:
+        """Return it and half the width of its interval, in a unit without its name."""
+        if self.seeds == 0:
+            return "-"
+        half = f" ± {float(f'{self.half * unit.factor:.2g}'):g}" if self.half > 0 else ""
+        return f"{unit.number(self.value)}{half}"
 
     @staticmethod
     def of(values: Float[np.ndarray, " seed"]) -> "Mean":

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from crinoid.results.report_error import ReportError
 from crinoid.scenario.errors import got, one_of
 
 FIGURES = ("png", "pdf", "svg")
@@ -16,10 +17,6 @@ EXPORTS = {
     "onnx": (".onnx",),
 }
 """Endings of the files of an export by its format."""
-
-
-class ReportError(ValueError):
-    """A report cannot be drawn; the message is one line that says why."""
 
 
 def require_path(path: Path) -> None:

@@ -17,6 +17,7 @@ from crinoid.compilation import ONCE, compiled
 from crinoid.learning.environment.draws import EpisodeDraw
 from crinoid.results.chunks import join
 from crinoid.results.dataset import describe
+from crinoid.results.scene.scene import Scene, build_scene
 from crinoid.simulation import LoopState
 from crinoid.simulation.chunk import one_instant, record
 from crinoid.simulation.conclusion import dataset_builder
@@ -24,7 +25,6 @@ from crinoid.view.figures.style import STYLE
 from crinoid.view.film.camera import FilmSettings, Window, window_of
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
-from crinoid.view.scene.scene import Scene, build_scene
 
 SIZE = (640, 480)
 """Width and height (pixels)."""

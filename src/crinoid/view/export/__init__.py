@@ -8,6 +8,8 @@ from pathlib import Path
 
 from crinoid.assembly.neural import read_policy
 from crinoid.foundation.atomic_file import FilePath, atomic_write
+from crinoid.results.report_error import ReportError
+from crinoid.results.scene.bodies import rigid_bodies
 from crinoid.scenario import ScenarioError
 from crinoid.view.export.source import (
     attitudes_at,
@@ -19,8 +21,6 @@ from crinoid.view.export.source import (
 )
 from crinoid.view.export.table import columns_of, variables_of, write_table
 from crinoid.view.export.vtkhdf import write_arm, write_bodies
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.bodies import rigid_bodies
 
 __all__ = [
     "Written",

@@ -12,11 +12,11 @@ import tomli_w
 
 from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.foundation.version import __version__
+from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
 from crinoid.scenario.document import digests, rename_files
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.co_simulation import CoSimulation
-from crinoid.view.refusals import ReportError
 
 _SCRIPT = Path(__file__).with_name("fmu_script.py")
 

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from crinoid.results.scene.scene import Scene
 from crinoid.view.export.ros import joints_of, topics_of
 from crinoid.view.export.source import Source
-from crinoid.view.scene.scene import Scene
 
 _DISTANCE = 2.5  # distance of the camera, of the length of the arm
 

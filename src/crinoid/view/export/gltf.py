@@ -11,12 +11,12 @@ import pygltflib
 import xarray as xr
 from jaxtyping import Float, Int
 
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.bodies import COLOURS, RigidBody
-from crinoid.view.scene.data import Points, even_indices
-from crinoid.view.scene.mesh import AROUND, Mesh, Rotations, quaternions, revolve
-from crinoid.view.scene.mount import Path as Places
-from crinoid.view.scene.scene import Keyframes
+from crinoid.results.report_error import ReportError
+from crinoid.results.scene.bodies import COLOURS, RigidBody
+from crinoid.results.scene.data import Points, even_indices
+from crinoid.results.scene.mesh import AROUND, Mesh, Rotations, quaternions, revolve
+from crinoid.results.scene.mount import Path as Places
+from crinoid.results.scene.scene import Keyframes
 
 _RINGS = 80  # about how many rings the surface has
 

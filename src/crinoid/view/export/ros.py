@@ -13,12 +13,12 @@ from mcap_ros2.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from crinoid.foundation.result_variables import LARGE
+from crinoid.results.scene.bodies import COLOURS, RigidBody, rigid_bodies
+from crinoid.results.scene.data import in_space, read_scenario
+from crinoid.results.scene.mesh import Rotations, look_rotation, quaternions
+from crinoid.results.scene.mount import Path as Places
+from crinoid.results.scene.scene import Keyframes, Scene
 from crinoid.view.export.source import Source, attitudes_at
-from crinoid.view.scene.bodies import COLOURS, RigidBody, rigid_bodies
-from crinoid.view.scene.data import in_space, read_scenario
-from crinoid.view.scene.mesh import Rotations, look_rotation, quaternions
-from crinoid.view.scene.mount import Path as Places
-from crinoid.view.scene.scene import Keyframes, Scene
 
 WORLD, BASE, TIP, VEHICLE = "world", "base", "tip", "vehicle"
 """Frames of reference; z of the world is up."""

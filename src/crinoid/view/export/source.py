@@ -10,12 +10,13 @@ from jaxtyping import Int
 from crinoid.assembly.description import POLICY, is_policy
 from crinoid.foundation.status import Status
 from crinoid.results.chunks import chosen_pieces
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
+from crinoid.results.scene.data import even_indices
+from crinoid.results.scene.mesh import Rotations, arm_attitudes
+from crinoid.results.scene.scene import Keyframes, Scene, build_scene, omission_notes
 from crinoid.view.figures.run import RESULT, UNCONTROLLED, checked_result, read_result
-from crinoid.view.refusals import EXPORTS, ReportError, require_path
-from crinoid.view.scene.data import even_indices
-from crinoid.view.scene.mesh import Rotations, arm_attitudes
-from crinoid.view.scene.scene import Keyframes, Scene, build_scene, omission_notes
+from crinoid.view.refusals import EXPORTS, require_path
 
 
 def files_of(folder: Path, name: str, kind: str) -> list[Path]:

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 from pxr import Gf, Tf, Usd, UsdGeom, Vt
 
-from crinoid.view.scene.bodies import COLOURS, RigidBody, rigid_bodies
-from crinoid.view.scene.mesh import BodyShape, Rotations, quaternions
-from crinoid.view.scene.mount import Path as Places
-from crinoid.view.scene.scene import Scene
+from crinoid.results.scene.bodies import COLOURS, RigidBody, rigid_bodies
+from crinoid.results.scene.mesh import BodyShape, Rotations, quaternions
+from crinoid.results.scene.mount import Path as Places
+from crinoid.results.scene.scene import Scene
 
 _RATE = 50.0  # time codes per second
 _STILL = 1e-9

@@ -13,11 +13,11 @@ from jaxtyping import Float, Int
 
 from crinoid.foundation.result_variables import LARGE
 from crinoid.results.chunks import chosen_pieces
+from crinoid.results.scene.bodies import RigidBody
+from crinoid.results.scene.data import in_space
+from crinoid.results.scene.mesh import at_nodes, unit_vectors
 from crinoid.view.export.source import Source
 from crinoid.view.export.table import parts_of
-from crinoid.view.scene.bodies import RigidBody
-from crinoid.view.scene.data import in_space
-from crinoid.view.scene.mesh import at_nodes, unit_vectors
 
 _VERSION = (2, 0)
 _CELLS = ("Vertices", "Lines", "Polygons", "Strips")

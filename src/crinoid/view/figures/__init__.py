@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from crinoid.foundation.atomic_file import FilePath
-from crinoid.view.refusals import ReportError
+from crinoid.results.report_error import ReportError
 
 __all__ = ["ReportError", "write_means", "write_page", "write_report"]
 

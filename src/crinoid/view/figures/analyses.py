@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from crinoid.foundation.status import Status
+from crinoid.results.scene.data import in_space, is_spatial
+from crinoid.results.scene.projection import OBLIQUE, SIDE, PaperPoint, PaperPoints, View
+from crinoid.results.units import SLOWEST, largest, no_swing
 from crinoid.view.figures import style
-from crinoid.view.figures.units import SLOWEST, largest, no_swing
-from crinoid.view.scene.data import in_space, is_spatial
-from crinoid.view.scene.projection import OBLIQUE, SIDE, PaperPoint, PaperPoints, View
 
 
 def _axes_of(flow: xr.Dataset) -> list[str]:

@@ -7,16 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
-from crinoid.view.figures.style import GREY, INK, PALE, VERMILLION, time_map, timed
-from crinoid.view.figures.surroundings import (
-    draw_obstacles,
-    draw_tool,
-    obstacle_points,
-    tool_facets,
-)
-from crinoid.view.scene.bodies import mount_bodies
-from crinoid.view.scene.clip import arm_outline, convex_outline
-from crinoid.view.scene.data import (
+from crinoid.results.scene.bodies import mount_bodies
+from crinoid.results.scene.clip import arm_outline, convex_outline
+from crinoid.results.scene.data import (
     Point,
     arm_length,
     even_indices,
@@ -26,9 +19,16 @@ from crinoid.view.scene.data import (
     moves,
     target_word,
 )
-from crinoid.view.scene.mesh import Facets, arm_facets
-from crinoid.view.scene.mount import base_directions, base_word, find_mount
-from crinoid.view.scene.projection import View
+from crinoid.results.scene.mesh import Facets, arm_facets
+from crinoid.results.scene.mount import base_directions, base_word, find_mount
+from crinoid.results.scene.projection import View
+from crinoid.view.figures.style import GREY, INK, PALE, VERMILLION, time_map, timed
+from crinoid.view.figures.surroundings import (
+    draw_obstacles,
+    draw_tool,
+    obstacle_points,
+    tool_facets,
+)
 
 _SHAPES = 25  # more would merge into a smear
 _HULL = 0.16  # share of the arm's length about the root, within which its base is shown

@@ -15,7 +15,9 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import TRAINING
+from crinoid.results.scene.data import is_spatial
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, energy_chart
@@ -47,8 +49,7 @@ from crinoid.view.figures.style import STYLE
 from crinoid.view.page.parts import PAGE
 from crinoid.view.page.study import registry_of, title_of, write_study
 from crinoid.view.page.write import write_run
-from crinoid.view.refusals import ReportError, require_figures, require_path
-from crinoid.view.scene.data import is_spatial
+from crinoid.view.refusals import require_figures, require_path
 
 
 def _of(chart: Callable[[Run], Chart]) -> Callable[[Run], Figure]:

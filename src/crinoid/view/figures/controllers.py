@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter, ScalarFormatter
 
+from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import MEASURES
+from crinoid.results.units import DEGREES, Unit, largest, si_unit
 from crinoid.studies.comparison import best_controller, compared_measures
 from crinoid.studies.statistics import Mean
 from crinoid.view.figures import style
-from crinoid.view.figures.measures import head_of, main_measures, unit_for
-from crinoid.view.figures.units import DEGREES, Unit, largest, si_unit
 
 _COLUMNS = 3
 _DRAWN = ("rms_error", "max_error", "within_tolerance", "rms_angle_error", "work", "max_base_force")

@@ -10,10 +10,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from crinoid.results.scene.data import even_indices, in_space, is_spatial
+from crinoid.results.scene.projection import OBLIQUE, SIDE
+from crinoid.results.units import Unit, largest
 from crinoid.view.figures import style
-from crinoid.view.figures.units import Unit, largest
-from crinoid.view.scene.data import even_indices, in_space, is_spatial
-from crinoid.view.scene.projection import OBLIQUE, SIDE
 
 _SHAPES = 60  # most shapes of a branch
 _LOOKS: dict[str, Any] = {"forward": "-", "backward": (0, (3, 1.5))}

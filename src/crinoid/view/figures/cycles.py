@@ -5,11 +5,11 @@ from matplotlib.figure import Figure
 
 from crinoid.results.loads import BendingCycles, bending_cycles
 from crinoid.results.result import Result
+from crinoid.results.units import length_unit
 from crinoid.view.figures import style
 from crinoid.view.figures.charts.chart import MEMBER_ROLES
 from crinoid.view.figures.paper import colour
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import length_unit
 
 
 def has_cycles(run: Run) -> bool:

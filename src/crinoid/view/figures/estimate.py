@@ -4,8 +4,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from crinoid.results.units import DEGREES, largest, length_unit, si_unit
 from crinoid.view.figures.style import BLUE, GREY, INK, SERIES, WIDTH, head_of, key, share_time
-from crinoid.view.figures.units import DEGREES, largest, length_unit, si_unit
 
 _WIDE = 2.0  # standard deviations from the estimate to the edge of the band
 

@@ -14,11 +14,8 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
 from crinoid.foundation.axes import AXES
-from crinoid.view.figures.arm import chosen_records, mount_facets
-from crinoid.view.figures.style import GREY, INK, PALE, PURPLE, VERMILLION, time_map, time_norm
-from crinoid.view.figures.surroundings import SOLID, WALL, draw_earlier, tool_facets
-from crinoid.view.scene import clip
-from crinoid.view.scene.data import (
+from crinoid.results.scene import clip
+from crinoid.results.scene.data import (
     Point,
     even_indices,
     find_obstacles,
@@ -26,8 +23,11 @@ from crinoid.view.scene.data import (
     moves,
     tool_held,
 )
-from crinoid.view.scene.mesh import AROUND, Facets, Vectors, arm_facets
-from crinoid.view.scene.projection import View, left_of
+from crinoid.results.scene.mesh import AROUND, Facets, Vectors, arm_facets
+from crinoid.results.scene.projection import View, left_of
+from crinoid.view.figures.arm import chosen_records, mount_facets
+from crinoid.view.figures.style import GREY, INK, PALE, PURPLE, VERMILLION, time_map, time_norm
+from crinoid.view.figures.surroundings import SOLID, WALL, draw_earlier, tool_facets
 
 _FLOOR, _PANE, _GRID, _FRAME, _SHADE = "#F7F8F8", "white", "#E2E5E7", "#C8CDD0", "#D2D6D8"
 

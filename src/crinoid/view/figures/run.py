@@ -15,12 +15,12 @@ from crinoid.foundation.axes import AXES
 from crinoid.foundation.status import Status
 from crinoid.results.chunks import pieces
 from crinoid.results.errors import error_word, judged_at
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
+from crinoid.results.scene.data import LARGEST, check_obstacles, shaped
 from crinoid.results.stream import open_lazily
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.data import LARGEST, check_obstacles, shaped
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from crinoid.foundation.status import Status
+from crinoid.results.measure_labels import main_measures, plain_number
 from crinoid.results.metrics import MEASURES
 from crinoid.studies.statistics import SEED, Mean
 from crinoid.view.figures import style
-from crinoid.view.figures.measures import main_measures, mean_text, plain_number
 from crinoid.view.figures.study import Key, Study, StudyMeasure
 
 _FEW, _COLUMNS = 4, 2
@@ -99,7 +99,7 @@ def _draw_grid(axes: Axes, measure: StudyMeasure, across: Key, up: Key) -> None:
             axes.text(
                 column + 0.5,
                 row + 0.5,
-                mean_text(means[row][column], measure.unit),
+                means[row][column].text(measure.unit),
                 ha="center",
                 va="center",
                 fontsize=7.5 if shape[1] <= 3 else 6.0,

@@ -10,6 +10,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from crinoid.results.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
+from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
+from crinoid.results.units import largest, length_unit
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points
 from crinoid.view.figures.charts.spectra import miss, spectrum_panel
@@ -25,9 +28,6 @@ from crinoid.view.figures.sheet import (
     measured_from,
 )
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
-from crinoid.view.figures.units import largest, length_unit
-from crinoid.view.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
-from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
 
 ROWS = {
     "curvature": "curvature\n(1/m)",

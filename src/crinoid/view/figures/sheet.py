@@ -9,15 +9,15 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from crinoid.results.scene.clip import box_corners
+from crinoid.results.scene.data import Point, arm_length
+from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View, perspective
+from crinoid.results.units import largest
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import Chosen, draw_arm, mount_points, points_of
 from crinoid.view.figures.perspective import PerspectivePlot, draw_scene
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
-from crinoid.view.figures.units import largest
-from crinoid.view.scene.clip import box_corners
-from crinoid.view.scene.data import Point, arm_length
-from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE, View, perspective
 
 _FAR = 1.5  # travel of the base, of the arm's length, from which on the arm would look small
 _PLACES = ("position", "tip_position", "tip_target", "obstacle_position")

@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crinoid.foundation.status import Status
+from crinoid.results.measure_labels import label_of, unit_of
 from crinoid.results.metrics import MEASURES, Measure, measure_columns, read_rows
+from crinoid.results.report_error import ReportError
+from crinoid.results.units import Unit, largest
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
 from crinoid.studies.statistics import SEED, student_factor
-from crinoid.view.figures.measures import label_of, unit_of
 from crinoid.view.figures.run import RESULT
-from crinoid.view.figures.units import Unit, largest
-from crinoid.view.refusals import ReportError
 
 CaseNumbers = Float[np.ndarray, " case"]
 

@@ -11,11 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
-from crinoid.view.figures import style
-from crinoid.view.figures.units import largest, round_down
-from crinoid.view.scene.bodies import tool_bodies
-from crinoid.view.scene.clip import convex_outline, obstacle_outline, shows_edge
-from crinoid.view.scene.data import (
+from crinoid.results.scene.bodies import tool_bodies
+from crinoid.results.scene.clip import convex_outline, obstacle_outline, shows_edge
+from crinoid.results.scene.data import (
     STILL,
     Indices,
     Obstacle,
@@ -27,9 +25,11 @@ from crinoid.view.scene.data import (
     in_space,
     tool_held,
 )
-from crinoid.view.scene.mesh import Facets
-from crinoid.view.scene.projection import PaperPoints, View
-from crinoid.view.scene.scene import CALM, REACH, arrow_nodes, arrow_starts
+from crinoid.results.scene.mesh import Facets
+from crinoid.results.scene.projection import PaperPoints, View
+from crinoid.results.scene.scene import CALM, REACH, arrow_nodes, arrow_starts
+from crinoid.results.units import largest, round_down
+from crinoid.view.figures import style
 
 _NEAR = 0.35  # how far beyond the arm's shapes a window shows obstacles, of the arm's length
 _BEHIND = 0.04  # depth shown behind a wall, of the arm's length

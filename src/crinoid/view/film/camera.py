@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.results.report_error import ReportError
+from crinoid.results.scene.data import Point, even_indices
+from crinoid.results.scene.mount import Path
+from crinoid.results.scene.projection import View
+from crinoid.results.scene.scene import Keyframes, Scene
 from crinoid.view.film.settings import FORMATS, CameraSettings, require_within
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.data import Point, even_indices
-from crinoid.view.scene.mount import Path
-from crinoid.view.scene.projection import View
-from crinoid.view.scene.scene import Keyframes, Scene
 
 _TRAVELS = 1.5  # a base that moves farther is followed, of the arm's length
 _NEAR = 0.35  # distance from the arm within which obstacles are shown, of its length

@@ -11,9 +11,9 @@ from jaxtyping import UInt8
 from PIL import Image as Still
 
 from crinoid.results.own_files import is_own
+from crinoid.results.report_error import ReportError
 from crinoid.scenario.errors import got
 from crinoid.view.film.camera import FilmSettings
-from crinoid.view.refusals import ReportError
 
 FILMS = ("film.mp4", "film.gif")  # default names of films, next to their results
 

@@ -10,14 +10,14 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
 
+from crinoid.results.scene.bodies import between
+from crinoid.results.scene.clip import cut_box, obstacle_outline, shows_edge
+from crinoid.results.scene.data import Point
+from crinoid.results.scene.scene import Scene
+from crinoid.results.units import round_down
 from crinoid.view.figures.style import BLUE, INK, VERMILLION
-from crinoid.view.figures.units import round_down
 from crinoid.view.film import surfaces as film
 from crinoid.view.film.camera import Camera, Window
-from crinoid.view.scene.bodies import between
-from crinoid.view.scene.clip import cut_box, obstacle_outline, shows_edge
-from crinoid.view.scene.data import Point
-from crinoid.view.scene.scene import Scene
 
 PAPER, SOFT, FAINT = "#F0F5F7", "#5D686D", "#A4ADB1"
 TONES = (BLUE, VERMILLION)  # with control, and without

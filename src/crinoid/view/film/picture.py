@@ -12,9 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
+from crinoid.results.report_error import ReportError
+from crinoid.results.scene.bodies import between
+from crinoid.results.scene.scene import Scene, colour_ranges
+from crinoid.results.units import round_down
 from crinoid.scenario.errors import got, one_of, shown
 from crinoid.view.figures.style import INK, VERMILLION
-from crinoid.view.figures.units import round_down
 from crinoid.view.film.camera import (
     Camera,
     FilmSettings,
@@ -27,9 +30,6 @@ from crinoid.view.film.encode import Image
 from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, WATER, FilmPanel, pale
 from crinoid.view.film.settings import PRESETS, CameraSettings
 from crinoid.view.film.surfaces import Shading, locate
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.bodies import between
-from crinoid.view.scene.scene import Scene, colour_ranges
 
 _DPI = 100.0
 _POINT = 72.0 / _DPI  # points of a pixel

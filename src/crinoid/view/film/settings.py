@@ -5,8 +5,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from crinoid.results.report_error import ReportError
 from crinoid.scenario.errors import got, one_of
-from crinoid.view.refusals import ReportError
 
 PRESETS = {
     "side": (-90.0, 0.0),

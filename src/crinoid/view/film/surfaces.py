@@ -9,11 +9,11 @@ from jaxtyping import Float
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Colormap, to_rgba
 
-from crinoid.view.scene.bodies import between, rigid_bodies
-from crinoid.view.scene.data import Point
-from crinoid.view.scene.mesh import AROUND, Facets, arm_facets
-from crinoid.view.scene.projection import View
-from crinoid.view.scene.scene import Keyframes, Scene
+from crinoid.results.scene.bodies import between, rigid_bodies
+from crinoid.results.scene.data import Point
+from crinoid.results.scene.mesh import AROUND, Facets, arm_facets
+from crinoid.results.scene.projection import View
+from crinoid.results.scene.scene import Keyframes, Scene
 
 STEEL, STONE = "#75858F", "#C2B8A8"
 _COLOURS = {"hull": "#C7D1D6", "steel": STEEL, "obstacle": STONE, "tool": "#B87399"}

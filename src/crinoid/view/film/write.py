@@ -12,14 +12,15 @@ from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.metrics import CASES, is_table
 from crinoid.results.own_files import MADE
+from crinoid.results.report_error import ReportError
+from crinoid.results.scene.scene import Scene, build_scene, omission_notes
 from crinoid.view.figures.run import RESULT, Run, open_run
 from crinoid.view.figures.style import STYLE
 from crinoid.view.film.camera import FilmSettings, film_settings
 from crinoid.view.film.encode import FILMS, Image, check_place, has_encoder, write_gif, write_mp4
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings, ending_of
-from crinoid.view.refusals import ReportError, require_path
-from crinoid.view.scene.scene import Scene, build_scene, omission_notes
+from crinoid.view.refusals import require_path
 
 _NODES = 81
 _NUMBERS = 10_000_000  # most coordinates of all arms together, above which instants are left out

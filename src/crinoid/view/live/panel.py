@@ -10,8 +10,8 @@ import viser
 from viser import uplot
 
 from crinoid.foundation.axes import ANGLES, AXES, CHANNELS
+from crinoid.results.units import DEGREES, Unit, length_unit
 from crinoid.view.figures.style import BLUE, GREY, VERMILLION
-from crinoid.view.figures.units import DEGREES, Unit, length_unit
 from crinoid.view.live.adjustable import AdjustableNumbers
 from crinoid.view.live.clock import Action, RealTimeClock, SessionStatus
 from crinoid.view.live.interactive import kinds_for

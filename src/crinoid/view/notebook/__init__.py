@@ -14,12 +14,14 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from crinoid.results.result import Result
+from crinoid.results.scene.data import is_spatial
+from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE
+from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures import run, style
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
 from crinoid.view.figures.charts.spectra import load_chart, spectrum_chart
-from crinoid.view.figures.charts.summary import equilibrium_summary, summary
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
 from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
@@ -30,8 +32,6 @@ from crinoid.view.figures.shape import ROWS, draw_lines
 from crinoid.view.figures.sheet import draw_in
 from crinoid.view.page.parts import list_of, table_of
 from crinoid.view.page.write import small_page_of
-from crinoid.view.scene.data import is_spatial
-from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE
 
 __all__ = ["Plots", "html_of", "plots_of"]
 

@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.results.own_files import is_own
-from crinoid.view.figures.charts.summary import RunSummary
-from crinoid.view.refusals import ReportError
+from crinoid.results.report_error import ReportError
+from crinoid.results.table import RunSummary
 
 PAGE = "report.html"
 

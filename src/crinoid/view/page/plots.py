@@ -10,9 +10,9 @@ from bokeh.document import Document
 from bokeh.models.annotations import BoxAnnotation, Span
 from jaxtyping import Float, Int
 
+from crinoid.results.units import largest
 from crinoid.view.figures.charts.chart import Chart, Panel, Trace
 from crinoid.view.figures.charts.drive import THROUGH
-from crinoid.view.figures.units import largest
 
 RECORDS = 1501  # most values of a trace; above it only extremes remain
 _EDGE = 58  # pixels for the numbers of an axis, the same in all panels to align their times

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.results.scene.bodies import rigid_bodies
+from crinoid.results.scene.data import Obstacle, even_indices
+from crinoid.results.scene.projection import OBLIQUE, SIDE
+from crinoid.results.scene.scene import Keyframes, Scene, build_scene, colour_ranges, omission_notes
 from crinoid.view.page.parts import Pack
-from crinoid.view.scene.bodies import rigid_bodies
-from crinoid.view.scene.data import Obstacle, even_indices
-from crinoid.view.scene.projection import OBLIQUE, SIDE
-from crinoid.view.scene.scene import Keyframes, Scene, build_scene, colour_ranges, omission_notes
 
 FRAMES = 1501  # most instants of a run: 30 s at 50 a second
 NODES = 201

@@ -15,7 +15,10 @@ from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.metrics import MEASURES, Measure, measures_of
 from crinoid.results.own_files import is_own
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import attributes
+from crinoid.results.scene.data import even_indices, in_space, is_spatial
+from crinoid.results.scene.projection import OBLIQUE, SIDE
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
 from crinoid.studies.sweep.plan import SweepDesign, read_plan
@@ -33,9 +36,6 @@ from crinoid.view.figures.study import (
 from crinoid.view.page import parts
 from crinoid.view.page.scene import SvgDrawing
 from crinoid.view.page.sweeps import view_of
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.data import even_indices, in_space, is_spatial
-from crinoid.view.scene.projection import OBLIQUE, SIDE
 
 MOST = 150  # most drawn arms: more are hard to distinguish and slow to read
 _NODES = 60

@@ -12,7 +12,7 @@ from bokeh import models
 from bokeh.document import Document
 from matplotlib.ticker import LogLocator, MaxNLocator
 
-from crinoid.view.figures.measures import plain_number
+from crinoid.results.measure_labels import plain_number
 from crinoid.view.figures.study import Key, Study, StudyMeasure, gridded, means_of
 from crinoid.view.page.plots import empty_plot
 

@@ -7,13 +7,15 @@ from string import Template
 from typing import Any
 
 from crinoid.foundation.status import Status
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
+from crinoid.results.scene.scene import Scene, build_scene
+from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario import ScenarioError
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
 from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
 from crinoid.view.figures.charts.spectra import has_loads, load_chart, spectrum_chart
-from crinoid.view.figures.charts.summary import equilibrium_summary, summary
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
 from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
@@ -22,8 +24,6 @@ from crinoid.view.figures.run import Run
 from crinoid.view.page import parts
 from crinoid.view.page.plots import plots_of
 from crinoid.view.page.scene import page_scene, scene_of, still_of
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.scene import Scene, build_scene
 
 LARGEST = 800_000  # most characters
 _NODES = 61

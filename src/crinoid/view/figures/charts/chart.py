@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.view.figures.units import Unit, largest
+from crinoid.results.units import Unit, largest
 
 Role = str
 """Meaning of a trace, which gives it its colour: `"run"`, `"free"` (without control), an axis

@@ -9,11 +9,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import ANGLES, CHANNEL_TABLE
+from crinoid.results.scene.data import is_spatial
+from crinoid.results.scene.mount import base_word
+from crinoid.results.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, ZERO, Chart, Level, Panel, Trace
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
-from crinoid.view.scene.data import is_spatial
-from crinoid.view.scene.mount import base_word
 
 _STORED = ("kinetic", "elastic", "potential")
 _BALANCE = Panel("energy_balance", "balance defect")

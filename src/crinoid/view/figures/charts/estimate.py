@@ -5,9 +5,9 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.results.errors import short_way
+from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import Chart, Panel, Trace, rms
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, si_unit
 
 _WIDE = 2.0  # standard deviations from the estimate to the edge of the band
 

@@ -8,11 +8,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.numerics.signals_and_systems import spectrum
+from crinoid.results.scene.data import in_space
+from crinoid.results.scene.mount import Path, base_word
+from crinoid.results.units import Unit, largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Panel, Series, Trace
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import Unit, largest, length_unit, si_unit
-from crinoid.view.scene.data import in_space
-from crinoid.view.scene.mount import Path, base_word
 
 _LEAST_RECORDS = 16
 _DECADES = 6  # of a spectral density, from its top

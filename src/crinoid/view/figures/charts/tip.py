@@ -9,10 +9,10 @@ from jaxtyping import Float
 
 from crinoid.foundation.axes import AXES
 from crinoid.results.errors import angle_between, short_way
+from crinoid.results.scene.scene import CALM
+from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.view.figures.charts import chart
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, si_unit
-from crinoid.view.scene.scene import CALM
 
 _ROOM = 1.08  # of an axis, above the largest value
 _ERROR = chart.Panel("tip_error", "tip error", low=0.0, tall=2.25, columns=1)

@@ -9,10 +9,10 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.results.loads import FAR_CONTACTS, far_contact
+from crinoid.results.scene.data import find_obstacles
+from crinoid.results.units import largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Trace
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import largest, length_unit, si_unit
-from crinoid.view.scene.data import find_obstacles
 
 _VARIABLES = (
     *("obstacle_position", "contact_force", "contact_impulse"),

@@ -1,10 +1,10 @@
 """Chart of a floating submarine: its motion, and the forces and moments of its thrusters."""
 
 from crinoid.foundation.axes import ANGLES
+from crinoid.results.units import DEGREES, largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import ZERO, Chart, Level, Panel, Trace
 from crinoid.view.figures.charts.drive import ABOUT
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import DEGREES, largest, length_unit, si_unit
 
 _NEAR = 0.5  # share of a limit from which it is drawn
 

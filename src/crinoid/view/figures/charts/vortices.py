@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.results.units import Unit, largest, si_unit
 from crinoid.view.figures.charts.chart import Chart, Level, Panel, Trace, rms
 from crinoid.view.figures.run import Run
-from crinoid.view.figures.units import Unit, largest, si_unit
 
 _HERTZ = Unit(1.0, "Hz")
 _SMOOTHED = 1.0

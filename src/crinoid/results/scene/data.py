@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
-from crinoid.view.refusals import ReportError
+from crinoid.results.report_error import ReportError
 
 STILL = 1e-6  # distance below which a point does not move (m)
 LARGEST = 1e9  # largest size of a drawing, in SI units. Squares of far larger numbers overflow.

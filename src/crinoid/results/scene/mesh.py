@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from crinoid.view.scene.data import SolidShape
+from crinoid.results.scene.data import SolidShape
 
 AROUND = 24  # corners of a ring
 _MOST_RINGS = 200  # most rings along a rod or capsule: one may be far longer than the arm

@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.results.effort import InputUse, input_use
 from crinoid.results.errors import TipError, error_word
 from crinoid.results.loads import FAR_CONTACTS
+from crinoid.results.measure_labels import label_of, unit_of
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
-from crinoid.view.figures.measures import label_of, unit_of
-from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, si_unit
-from crinoid.view.scene.mount import base_word
+from crinoid.results.saturation import limit_shares
+from crinoid.results.scene.mount import base_word
+from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
 
 _NOTHING = 1e-6
 """Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:

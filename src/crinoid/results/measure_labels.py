@@ -7,8 +7,7 @@ import numpy as np
 import xarray as xr
 
 from crinoid.results.metrics import MEASURES
-from crinoid.studies.statistics import Mean
-from crinoid.view.figures.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
+from crinoid.results.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
 
 _WORDS = {"rms": "RMS", "p95": "P95", "max": "largest", "min": "smallest"}
 _LABELS = {
@@ -78,11 +77,3 @@ def unit_for(values: xr.DataArray) -> Unit:
 def head_of(name: str, unit: Unit) -> str:
     """Return the label of a measure and its unit, as at an axis."""
     return f"{label_of(name)} ({unit.name})" if unit.name else label_of(name)
-
-
-def mean_text(mean: Mean, unit: Unit) -> str:
-    """Return a mean and half the width of its interval, in a unit without its name."""
-    if mean.seeds == 0:
-        return "-"
-    half = f" ± {float(f'{mean.half * unit.factor:.2g}'):g}" if mean.half > 0 else ""
-    return f"{unit.number(mean.value)}{half}"

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from crinoid.view.scene.data import Obstacle, Points, ToolBall, moves
-from crinoid.view.scene.mesh import BodyShape, Rotations, look_rotation, unit_vectors
-from crinoid.view.scene.mount import ArmMount, Path
-from crinoid.view.scene.scene import Keyframes, Scene
+from crinoid.results.scene.data import Obstacle, Points, ToolBall, moves
+from crinoid.results.scene.mesh import BodyShape, Rotations, look_rotation, unit_vectors
+from crinoid.results.scene.mount import ArmMount, Path
+from crinoid.results.scene.scene import Keyframes, Scene
 
 _HULL = (0.34, 6.0), (0.075, 1.5)
 """Half the length and half the width of the submarine: of the arm's length, and at most (m)."""

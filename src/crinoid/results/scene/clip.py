@@ -6,9 +6,9 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.view.scene.data import Obstacle, Point
-from crinoid.view.scene.mesh import AROUND, Facets, look_rotation
-from crinoid.view.scene.projection import PaperPoints, View, left_of
+from crinoid.results.scene.data import Obstacle, Point
+from crinoid.results.scene.mesh import AROUND, Facets, look_rotation
+from crinoid.results.scene.projection import PaperPoints, View, left_of
 
 Corners = Float[np.ndarray, "_ axis=3"]
 

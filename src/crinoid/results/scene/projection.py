@@ -13,7 +13,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import AXES
-from crinoid.view.scene.data import in_space
+from crinoid.results.scene.data import in_space
 
 _AXES = AXES[3]
 Triple = tuple[float, float, float]

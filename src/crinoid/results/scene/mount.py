@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from crinoid.foundation.axes import CHANNEL_TABLE
-from crinoid.view.scene.data import in_space, read_scenario
-from crinoid.view.scene.mesh import Rotations, unit_vectors
+from crinoid.results.scene.data import in_space, read_scenario
+from crinoid.results.scene.mesh import Rotations, unit_vectors
 
 _SHIFTS = {row.name: "xyz".index(row.axis) for row in CHANNEL_TABLE if not row.turns}
 

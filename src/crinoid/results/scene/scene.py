@@ -7,9 +7,8 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from crinoid.results.chunks import chosen_pieces, join
-from crinoid.scenario.errors import counted
-from crinoid.view.refusals import ReportError
-from crinoid.view.scene.data import (
+from crinoid.results.report_error import ReportError
+from crinoid.results.scene.data import (
     Indices,
     Obstacle,
     Points,
@@ -24,9 +23,10 @@ from crinoid.view.scene.data import (
     shaped,
     tool_held,
 )
-from crinoid.view.scene.mesh import at_nodes
-from crinoid.view.scene.mount import ArmMount, Path, find_mount
-from crinoid.view.scene.projection import left_of
+from crinoid.results.scene.mesh import at_nodes
+from crinoid.results.scene.mount import ArmMount, Path, find_mount
+from crinoid.results.scene.projection import left_of
+from crinoid.scenario.errors import counted
 
 Places = Float[np.ndarray, "_ axis"]
 REACH = 0.2  # length of the longest arrow, of the arm's length
