@@ -18,8 +18,8 @@ from crinoid.control.controller import Reading
 from crinoid.control.neural import Dense, Policy
 from crinoid.foundation.version import __version__
 from crinoid.results.own_files import is_own
-from crinoid.view.export import write_onnx
-from crinoid.view.export.source import exports_of
+from crinoid.view.export import write_export
+from crinoid.view.export.formats import exports_of
 from helpers.command import call, refused, succeeded
 from helpers.planar_result import swaying_arm
 from helpers.studies import save
@@ -81,7 +81,7 @@ def seen(observed, command, limit):
 
 
 def test_another_runtime_gives_the_same_commands(policy, tmp_path):
-    (file,) = write_onnx(policy, tmp_path).files
+    (file,) = write_export(policy, tmp_path, "onnx").files
     session = onnxruntime.InferenceSession(file)
     observation = Given((), jnp.asarray(0.02), 2, DRIVEN, (), (), False)
     controller = Neural(observation, random_policy())

@@ -16,7 +16,7 @@ from crinoid.recording.numbers import Column
 from crinoid.recording.series import read_series
 from crinoid.recording.units import length_factor
 from crinoid.scenario import Scenario
-from crinoid.view.export import write_mcap
+from crinoid.view.export import write_export
 from helpers.planar_result import swaying_arm
 from helpers.refusals import mistake
 from helpers.spatial_result import curling_arm
@@ -84,7 +84,7 @@ def test_the_log_of_a_run_is_a_record_of_it(axes, tmp_path):
     data = RUNS[axes](records=21, duration=2.0, nodes=5)
     tables = data.attrs["scenario"] + "[simulation]\ntime_step = 0.05\n"
     path = save(data.assign_attrs(scenario=tables), tmp_path / "result.nc")
-    log = write_mcap(path, tmp_path).files[0]
+    log = write_export(path, tmp_path, "mcap").files[0]
     names = data["channel"].values.tolist()
     record = read_record(log, Scenario(arm={"dimension": axes}), inputs(*names))
     np.testing.assert_allclose(record.time, data["time"].values, atol=1e-9)  # stamps are in ns

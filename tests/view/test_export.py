@@ -21,7 +21,8 @@ from crinoid.results.scene.bodies import rigid_bodies
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.mesh import BodyShape
 from crinoid.results.scene.scene import build_scene
-from crinoid.view.export import write_csv, write_gltf, write_usd, write_vtkhdf, write_xlsx
+from crinoid.scenario import ScenarioError
+from crinoid.view.export import write_export
 from crinoid.view.export.vtkhdf import KINDS
 from helpers.command import call, refused, succeeded
 from helpers.planar_result import among_obstacles as planar_obstacles
@@ -76,12 +77,23 @@ def arrays(group):
     return {name: vtk_to_numpy(group.GetArray(name)).copy() for name in names}
 
 
+def test_an_unknown_format_and_an_option_without_use_are_refused(planar, tmp_path):
+    for options, answer in {
+        ("glft",): "did you mean gltf",
+        ("gltf", "nodes"): "--nodes: needs --to csv or xlsx. Leave it out with --to gltf",
+        ("onnx", "nodes"): "--nodes: needs --to csv or xlsx. Leave it out with --to onnx",
+    }.items():
+        with pytest.raises(ScenarioError, match=answer):
+            write_export(planar, tmp_path, options[0], **{key: [0] for key in options[1:]})
+    assert list(tmp_path.iterdir()) == [planar]
+
+
 # For ParaView.
 
 
 def test_paraviews_reader_finds_the_arm_as_the_result_has_it(run, tmp_path):
     path, data = run
-    written = write_vtkhdf(path, tmp_path)
+    written = write_export(path, tmp_path, "vtkhdf")
     names = ["result.vtkhdf", "result-surroundings.vtkhdf"]
     assert ([file.name for file in written.files], written.notes) == (names, [])
     reader, times = opened(written.files[0])
@@ -118,7 +130,7 @@ def test_paraviews_reader_finds_the_arm_as_the_result_has_it(run, tmp_path):
 
 def test_things_about_the_arm_move_as_surfaces(run, tmp_path):
     path, data = run
-    files = write_vtkhdf(path, tmp_path).files
+    files = write_export(path, tmp_path, "vtkhdf").files
     reader, times = opened(files[1])
     scene = build_scene([("", data)], 99, 99)
     things = rigid_bodies(scene, scene.members[0])
@@ -142,14 +154,14 @@ def test_notes_name_numbers_that_are_not_finite(tmp_path):
     data["position"][3] = 1e200
     data["acceleration"][1, 2] = np.inf
     path = save(data.assign_attrs(status="failed at t = 2 s; try less"), tmp_path / "result.nc")
-    files, notes = (written := write_vtkhdf(path, tmp_path)).files, written.notes
+    files, notes = (written := write_export(path, tmp_path, "vtkhdf")).files, written.notes
     assert notes == [
         "the run was not completed (failed at t = 2 s; try less)",
         "1 instant is left out: at it a number is not finite, or too large",
         "numbers that are not finite stay so in acceleration",
     ]
     assert opened(files[0])[1] == pytest.approx(data["time"].values[[0, 1, 2, 4]], abs=0.0)
-    assert write_gltf(path, tmp_path).notes == notes[:2]
+    assert write_export(path, tmp_path, "gltf").notes == notes[:2]
 
 
 # Tables.
@@ -158,7 +170,7 @@ def test_notes_name_numbers_that_are_not_finite(tmp_path):
 def test_a_table_holds_the_numbers_of_the_result(tmp_path):
     data = curling_arm(**SMALL)
     path = save(data, tmp_path / "result.nc")
-    table = pd.read_csv(write_csv(path, tmp_path).files[0])
+    table = pd.read_csv(write_export(path, tmp_path, "csv").files[0])
     np.testing.assert_array_equal(table["time (s)"], data["time"])
     np.testing.assert_array_equal(table["tip_position.z (m)"], data["tip_position"][:, 2])
     for name, unit in {"pan": "rad", "heave": "m"}.items():
@@ -170,14 +182,14 @@ def test_a_table_holds_the_numbers_of_the_result(tmp_path):
     }
 
     wanted = ["tip_error", "curvature", "tension"]
-    file = write_csv(path, tmp_path, variables=wanted, nodes=[0, -1], instants=3).files[0]
+    file = write_export(path, tmp_path, "csv", variables=wanted, nodes=[0, -1], instants=3).files[0]
     table = pd.read_csv(file)
     bent = [f"curvature.node{n}.kappa_{k} (m-1)" for n in (0, 6) for k in (1, 2)]
     pulled = ["tension.edge0 (N)", "tension.edge5 (N)"]
     assert list(table) == ["time (s)", "tip_error (m)", *bent, *pulled]
     np.testing.assert_array_equal(table["time (s)"], data["time"][::2])
     np.testing.assert_array_equal(table[bent[-1]], data["curvature"][::2, 6, 1])
-    every = pd.read_csv(write_csv(path, tmp_path, variables=["position"]).files[0])
+    every = pd.read_csv(write_export(path, tmp_path, "csv", variables=["position"]).files[0])
     assert every.shape == (5, 1 + 7 * 3)
 
 
@@ -206,7 +218,7 @@ def _content(cell):
 def test_a_workbook_holds_the_measures_and_the_numbers_of_the_result(tmp_path):
     data = swaying_arm(**SMALL).assign_attrs(title="=1+1")
     data["base_force"][2, 0] = np.nan
-    written = write_xlsx(save(data, tmp_path / "result.nc"), tmp_path)
+    written = write_export(save(data, tmp_path / "result.nc"), tmp_path, "xlsx")
     assert written.notes == ["1 cell is empty: without a finite number"]
     found = sheets(written.files[0])
     assert list(found) == ["summary", "time series", "variables"]
@@ -224,7 +236,7 @@ def test_a_workbook_holds_the_measures_and_the_numbers_of_the_result(tmp_path):
 
 
 def test_a_workbook_that_others_saved_again_is_kept(planar, tmp_path):
-    (book,) = write_xlsx(planar, tmp_path).files
+    (book,) = write_export(planar, tmp_path, "xlsx").files
     assert is_own(book)
     other = tmp_path / "other.xlsx"
     with zipfile.ZipFile(book) as mine, zipfile.ZipFile(other, "w") as saved:
@@ -245,7 +257,7 @@ def test_no_text_of_a_table_is_a_formula_and_a_note_counts_empty_cells(tmp_path)
     ).assign(actuator_state=(("time", "input"), np.ones((5, 3))))
     data["tip_error"][2] = np.nan
     data["base_force"][4] = -np.inf
-    written = write_csv(save(data, tmp_path / "result.nc"), tmp_path)
+    written = write_export(save(data, tmp_path / "result.nc"), tmp_path, "csv")
     assert written.notes == ["3 cells are empty: without a finite number"]
     with written.files[0].open(newline="", encoding="utf-8") as file:
         head, *rows = csv.reader(file)
@@ -309,7 +321,7 @@ def upright(vectors):
 
 def test_joints_are_where_the_nodes_are_and_carry_the_surface(run, tmp_path):
     path, data = run
-    written = write_gltf(path, tmp_path)
+    written = write_export(path, tmp_path, "gltf")
     assert written.notes == []
     found = Animated(*written.files)
     gltf, count, nodes = found.gltf, data.sizes["time"], data.sizes["node"]
@@ -354,7 +366,7 @@ def test_joints_are_where_the_nodes_are_and_carry_the_surface(run, tmp_path):
 
 def test_things_about_the_arm_are_nodes_that_move_and_turn(tmp_path):
     data = with_tool(among_solids(**SMALL))
-    found = Animated(*write_gltf(save(data, tmp_path / "result.nc"), tmp_path).files)
+    found = Animated(*write_export(save(data, tmp_path / "result.nc"), tmp_path, "gltf").files)
     places = {"target": data["tip_target"].values, "joint": data["position"].values[:, 0]}
     places["obstacle 2"] = data["obstacle_position"].values[:, 2]
     for name, expected in places.items():
@@ -394,7 +406,7 @@ def test_triangles_and_normals_look_outward(kind, half, radius, longest):
 def stage_of(path, tmp_path):
     usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
 
-    (file,) = write_usd(path, tmp_path).files
+    (file,) = write_export(path, tmp_path, "usd").files
     assert file.name == "result.usda"
     assert is_own(file)
     return usd.Stage.Open(str(file))
@@ -497,7 +509,7 @@ def test_an_export_that_is_interrupted_leaves_nothing(kind, planar, tmp_path, mo
 
     monkeypatch.setattr("crinoid.view.export.table.csv.writer", interrupted)
     monkeypatch.setattr("crinoid.view.export.vtkhdf.in_space", interrupted)
-    monkeypatch.setattr("crinoid.view.export.rigid_bodies", interrupted)
+    monkeypatch.setattr("crinoid.view.export.gltf.rigid_bodies", interrupted)
     assert call("export", tmp_path, "--to", kind).exit_code == 130
     assert list(tmp_path.iterdir()) == [planar]
 

@@ -10,7 +10,7 @@ from crinoid.results.own_files import is_own
 from crinoid.results.scene.bodies import rigid_bodies
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.scene import build_scene
-from crinoid.view.export import write_mcap
+from crinoid.view.export import write_export
 from helpers.command import refused, succeeded
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, curling_arm
@@ -56,7 +56,7 @@ def turn(message):
 
 def test_messages_have_the_numbers_of_the_result(run, tmp_path):
     path, data = run
-    written = write_mcap(path, tmp_path)
+    written = write_export(path, tmp_path, "mcap")
     assert [file.name for file in written.files] == ["result.mcap", "result.foxglove.json"]
     assert written.notes == []
     topics = decoded(written.files[0])
@@ -82,7 +82,7 @@ def test_messages_have_the_numbers_of_the_result(run, tmp_path):
 
 def test_loads_on_the_base_are_in_its_frame(run, tmp_path):
     path, data = run
-    topics = decoded(write_mcap(path, tmp_path).files[0])
+    topics = decoded(write_export(path, tmp_path, "mcap").files[0])
     force, moment = in_space(data, "base_force"), np.zeros((5, 3))
     if data["base_moment"].ndim == 2:
         moment = in_space(data, "base_moment")
@@ -109,7 +109,7 @@ def test_a_floating_vehicle_has_a_frame_from_which_servos_move_the_root(tmp_path
     pitch[:, 2] = np.linspace(0.0, 0.5, 5)
     data = data.assign(base_servo=data["base_pose"], vehicle_pose=pitch)
     data = data.assign_attrs(scenario=data.attrs["scenario"] + "[vehicle]\nmass = 30.0\n")
-    log = write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0]
+    log = write_export(save(data, tmp_path / "result.nc"), tmp_path, "mcap").files[0]
     for record, (_, tree) in enumerate(decoded(log)["/tf"]):
         frames = {each.child_frame_id: each.transform for each in tree.transforms}
         turned = turn(frames["vehicle"].rotation)
@@ -122,7 +122,7 @@ def test_a_floating_vehicle_has_a_frame_from_which_servos_move_the_root(tmp_path
 
 def test_commands_have_the_time_at_which_they_begin(run, tmp_path):
     path, data = run
-    commands = decoded(write_mcap(path, tmp_path).files[0])["/commands"]
+    commands = decoded(write_export(path, tmp_path, "mcap").files[0])["/commands"]
     times = [time for time, _ in commands]
     np.testing.assert_allclose(times, [0.0, *(data["time"].values[1:] - 0.1)])
     assert commands[0][1].name == data["channel"].values.tolist()
@@ -134,11 +134,11 @@ def test_still_channels_and_what_a_result_lacks_are_left_out(tmp_path):
     data = swaying_arm(**SMALL)
     for name, ends in {"channel_lower": [-1.0, 0, -1], "channel_upper": [1.0, 0, 1]}.items():
         data[name] = quantity(name, ends, 2)
-    whole = decoded(write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0])
+    whole = decoded(write_export(save(data, tmp_path / "result.nc"), tmp_path, "mcap").files[0])
     assert whole["/commands"][0][1].name == ["slide", "tilt"]
     idle = data.drop_vars(["flow_velocity", "base_force", "tip_angle", "tip_angle_target"])
     idle = idle.assign_attrs(scenario='[control]\nkind = "none"\n')
-    log, layout = write_mcap(save(idle, tmp_path / "result.nc"), tmp_path).files
+    log, layout = write_export(save(idle, tmp_path / "result.nc"), tmp_path, "mcap").files
     topics = decoded(log)
     missing = {"/commands", "/tip/current", "/base/current", "/base/wrench"}
     missing |= {"/tip/pose", "/tip/target"}
@@ -152,7 +152,7 @@ def test_markers_are_where_the_arm_and_the_bodies_are(tmp_path):
     data = data.assign(tool_held=("time", 1.0 * (np.arange(5) >= 2)))
     data = data.assign_attrs(scenario=data.attrs["scenario"] + TOOL)
     path = save(data, tmp_path / "result.nc")
-    shown = decoded(write_mcap(path, tmp_path).files[0])["/arm/markers"]
+    shown = decoded(write_export(path, tmp_path, "mcap").files[0])["/arm/markers"]
     scene = build_scene([("", data)], 99, 99)
     bodies = {body.name: body for body in rigid_bodies(scene, scene.members[0])}
     position, diameter = in_space(data, "position"), data["diameter"].values
@@ -178,7 +178,7 @@ def test_markers_are_where_the_arm_and_the_bodies_are(tmp_path):
 
 def test_the_layout_shows_topics_of_the_log(run, tmp_path):
     path, _ = run
-    log, layout = write_mcap(path, tmp_path).files
+    log, layout = write_export(path, tmp_path, "mcap").files
     topics, content = decoded(log), json.loads(layout.read_text())
     panels = content["configById"]
     shown = [panel for panel in panels.values() if "paths" in panel]

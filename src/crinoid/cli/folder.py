@@ -30,7 +30,7 @@ from crinoid.scenario.document import flat
 from crinoid.studies.comparison import COMPARISON
 from crinoid.studies.statistics import MEANS
 from crinoid.studies.sweep.plan import PLAN
-from crinoid.view.export.source import exports_of
+from crinoid.view.export.formats import exports_of
 from crinoid.view.film.encode import FILMS
 from crinoid.view.page.parts import PAGE
 

@@ -16,7 +16,7 @@ from crinoid.learning.settings import TrainingSettings
 from crinoid.learning.training import EVALUATION_INTERVAL, Training, checkpoint_header
 from crinoid.results.result import TRAINING
 from crinoid.scenario import Scenario, refusal
-from crinoid.view.export.source import exports_of
+from crinoid.view.export.formats import exports_of
 
 CHECKPOINT = "training.npz"
 

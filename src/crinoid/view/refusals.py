@@ -7,16 +7,6 @@ from crinoid.scenario.errors import got, one_of
 
 FIGURES = ("png", "pdf", "svg")
 """Formats of figures."""
-EXPORTS = {
-    "vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"),
-    "csv": (".csv",),
-    "xlsx": (".xlsx",),
-    "gltf": (".glb",),
-    "mcap": (".mcap", ".foxglove.json"),
-    "usd": (".usda",),
-    "onnx": (".onnx",),
-}
-"""Endings of the files of an export by its format."""
 
 
 def require_path(path: Path) -> None:

@@ -1,16 +1,25 @@
-"""Layout of Foxglove for the log of a run: the arm in space, and plots of its topics."""
+"""MCAP with a layout of Foxglove for the log: the arm in space, and plots of its topics."""
 
+import json
 from typing import Any
 
-from crinoid.results.scene.scene import Scene
-from crinoid.view.export.ros import joints_of, topics_of
-from crinoid.view.export.source import Source
+from crinoid.view.export.ros import joints_of, topics_of, write_log
+from crinoid.view.export.source import Files, Report, Shapes
 
 _DISTANCE = 2.5  # distance of the camera, of the length of the arm
 
 
-def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
+def write_mcap(source: Shapes, files: Files, report: Report) -> list[str]:
+    """Write a log of ROS 2 in the format MCAP, and a layout of Foxglove for it."""
+    log, layout = files
+    write_log(source, log, report)
+    layout.write_text(json.dumps(layout_of(source), indent=1), "utf-8")
+    return []
+
+
+def layout_of(source: Shapes) -> dict[str, Any]:
     """Return a layout; x points to the right and z up, as in the figures."""
+    scene = source.scene
     axes, there = "xyz" if scene.spatial else "xz", topics_of(source.data)
     tip = [topic for topic in ("/tip/pose", "/tip/target") if topic in there]
     plots = {
@@ -48,7 +57,7 @@ def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
         },
         "cameraState": {
             "perspective": True,
-            "targetOffset": scene.members[0].position[0].mean(axis=0).tolist(),
+            "targetOffset": source.run.position[0].mean(axis=0).tolist(),
             "distance": _DISTANCE * scene.length,
             "phi": 80.0,
             "thetaOffset": 0.0,

@@ -12,11 +12,12 @@ import xarray as xr
 from jaxtyping import Float, Int
 
 from crinoid.results.report_error import ReportError
-from crinoid.results.scene.bodies import COLOURS, RigidBody
+from crinoid.results.scene.bodies import COLOURS, RigidBody, rigid_bodies
 from crinoid.results.scene.data import Points, even_indices
 from crinoid.results.scene.mesh import AROUND, Mesh, Rotations, quaternions, revolve
 from crinoid.results.scene.mount import Path as Places
 from crinoid.results.scene.scene import Keyframes
+from crinoid.view.export.source import Files, Report, Shapes
 
 _RINGS = 80  # about how many rings the surface has
 
@@ -65,6 +66,18 @@ _KINDS = {"f4": 5126, "u1": 5121, "u4": 5125}  # codes of glTF for kinds of numb
 _SHAPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 _VERTICES, _INDICES = 34962, 34963
 _STILL = 1e-9
+
+
+def write_gltf(source: Shapes, files: Files, report: Report) -> list[str]:
+    """Write an animation: the arm as a skin on its nodes, and rigid bodies around it."""
+    run = source.run
+    document = GltfDocument(run.time, source.attributes)
+    document.add_arm(skin_of(source.data, run), run.position, source.attitudes)
+    for body in rigid_bodies(source.scene, run):
+        document.add_body(body)
+    report(run.at.size, run.at.size)
+    document.write(files[0])
+    return []
 
 
 class GltfDocument:

@@ -10,15 +10,35 @@ from jaxtyping import Array
 from onnx import ModelProto, NodeProto, TensorProto, ValueInfoProto, helper, numpy_helper
 
 from crinoid.assembly.description import Description
+from crinoid.assembly.neural import read_policy
 from crinoid.control.neural import Policy
 from crinoid.foundation.version import __version__
 from crinoid.results.own_files import PRODUCER
+from crinoid.results.report_error import ReportError
+from crinoid.scenario import ScenarioError
+from crinoid.view.export.source import Files, PolicySource, Report
 
 _OPSET = 13  # version of the operators: that of 2020, which most runtimes have
 
 
+def write_onnx(source: PolicySource, files: Files, report: Report) -> list[str]:
+    """Write a policy as a graph of ONNX, which is called once in each control period."""
+    try:
+        model = model_of(*read_policy(source.path))
+    except ScenarioError as error:
+        raise ReportError(error.mistakes[0].text) from error
+    files[0].write_bytes(model.SerializeToString())
+    report(1, 1)
+    return []
+
+
 def model_of(policy: Policy, description: Description) -> ModelProto:
     """Return the step of `crinoid.control.Neural` in a control period as a graph of ONNX.
+
+    Its numbers have 64 bits. Inputs are ``observed`` (entry), ``averages`` (average, entry), and
+    ``command``, ``lower`` and ``upper`` (driven): the last commands and their limits. Outputs
+    are ``next_command`` and ``next_averages``, for the next call. In the first call all averages
+    equal the observation. The file's metadata name entries, commands and their units.
 
     `crinoid.assembly.neural.read_policy` returns the arguments.
     """

@@ -18,7 +18,7 @@ from crinoid.results.scene.data import in_space, read_scenario
 from crinoid.results.scene.mesh import Rotations, look_rotation, quaternions
 from crinoid.results.scene.mount import Path as Places
 from crinoid.results.scene.scene import Keyframes, Scene
-from crinoid.view.export.source import Source, attitudes_at
+from crinoid.view.export.source import Report, Shapes
 
 WORLD, BASE, TIP, VEHICLE = "world", "base", "tip", "vehicle"
 """Frames of reference; z of the world is up."""
@@ -38,14 +38,14 @@ Messages = Iterator[tuple[int, str, str, Message]]
 """Times (ns), topics, types and messages."""
 
 
-def write_log(source: Source, scene: Scene, path: Path, report: Callable[[int, int], None]) -> None:
+def write_log(source: Shapes, path: Path, report: Report) -> None:
     """Write the messages of a run in the order of their times, seconds since its start."""
-    (run,), data = scene.members, _small(source.data, scene.members[0])
+    run, data = source.run, _small(source.data, source.run)
     stamps = _nanoseconds(run.time)
     parts = [
-        *_poses(data, run, stamps, attitudes_at(source.data, run)),
+        *_poses(data, run, stamps, source.attitudes),
         *(_joints(data, name, stamps) for name in _JOINTS),
-        _markers(scene, run, stamps, report),
+        _markers(source.scene, run, stamps, report),
     ]
     types, schemas = get_typestore(Stores.ROS2_JAZZY), {}
     with path.open("wb") as file, Writer(file) as writer:
@@ -188,9 +188,7 @@ def _joints(data: xr.Dataset, topic: str, stamps: Stamps) -> Messages:
         yield time, topic, "sensor_msgs/msg/JointState", message
 
 
-def _markers(
-    scene: Scene, run: Keyframes, stamps: Stamps, report: Callable[[int, int], None]
-) -> Messages:
+def _markers(scene: Scene, run: Keyframes, stamps: Stamps, report: Report) -> Messages:
     """Yield the arm, a line of its diameter, and the bodies around it, for the eye."""
     edge = (run.diameter[1:] + run.diameter[:-1]) / 2
     # a line has one width: an arm that tapers has a line on each edge

@@ -1,5 +1,6 @@
 """Source of an export: a policy or a result, the chosen instants, and notes on the others."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,19 +16,21 @@ from crinoid.results.result import Result
 from crinoid.results.scene.data import even_indices
 from crinoid.results.scene.mesh import Rotations, arm_attitudes
 from crinoid.results.scene.scene import Keyframes, Scene, build_scene, omission_notes
+from crinoid.view.export.formats import Format
 from crinoid.view.figures.run import RESULT, UNCONTROLLED, checked_result, read_result
-from crinoid.view.refusals import EXPORTS, require_path
+from crinoid.view.refusals import require_path
+
+Files = Sequence[Path]
+Report = Callable[[int, int], None]
+"""Receives the numbers of written and of all instants."""
 
 
-def files_of(folder: Path, name: str, kind: str) -> list[Path]:
-    """Return the files of an export of a result or policy with a name."""
-    return [folder / f"{name}{ending}" for ending in EXPORTS[kind]]
+@dataclass(frozen=True)
+class PolicySource:
+    """The file of a policy."""
 
-
-def exports_of(file: str) -> list[str]:
-    """Return the names that the exports of a result or policy have."""
-    stem = Path(file).stem
-    return [f"{stem}{ending}" for kind in EXPORTS.values() for ending in kind]
+    path: Path
+    notes: tuple[str, ...] = ()  # sentences on omissions
 
 
 @dataclass(frozen=True)
@@ -35,9 +38,9 @@ class Source:
     """A result whose large variables are still in its file, and the chosen instants."""
 
     path: Path
+    notes: tuple[str, ...]  # sentences on omissions
     data: xr.Dataset
     records: Int[np.ndarray, " chosen"]
-    notes: tuple[str, ...]  # sentences on omissions
 
     @property
     def result(self) -> Result:
@@ -53,6 +56,36 @@ class Source:
         found = self.data.attrs
         named = {name: str(found.get(name, "")) for name in ("title", "status", "crinoid_version")}
         return named | {"source": self.path.name}
+
+
+@dataclass(frozen=True)
+class Table(Source):
+    """A result for a table."""
+
+    variables: Sequence[str] | None  # names; none: all that are not along the arm
+    nodes: Sequence[int] | None  # of variables along the arm; none: all
+
+
+@dataclass(frozen=True)
+class Shapes(Source):
+    """A result for shapes in space."""
+
+    scene: Scene
+
+    @property
+    def run(self) -> Keyframes:
+        """The keyframes of the run."""
+        return self.scene.members[0]
+
+    @property
+    def attitudes(self) -> Rotations:
+        """The attitude of the arm over time at the chosen nodes."""
+        data, run, director = self.data, self.run, None
+        if "director" in data:
+            pieces = chosen_pieces(data, ["director"], run.at)
+            director = np.concatenate([piece["director"].values for piece in pieces])
+        chosen = even_indices(data.sizes["node"], run.diameter.size)
+        return arm_attitudes(run.position, None if director is None else director[:, chosen[:-1]])
 
 
 def find_result(path: Path) -> Path:
@@ -77,16 +110,31 @@ def find_policy(path: Path) -> Path:
     return path
 
 
-def open_table(path: Path, most: int) -> Source:
-    """Open a result for a table of at most a number of instants."""
+def find_source(path: Path, form: Format) -> Path:
+    """Return the file of a result, or of a policy, from its folder or its own path."""
+    return find_policy(path) if form.accepts == "policy" else find_result(path)
+
+
+def open_source(
+    path: Path,
+    form: Format,
+    instants: int | None,
+    variables: Sequence[str] | None,
+    nodes: Sequence[int] | None,
+) -> PolicySource | Table | Shapes:
+    """Open what a format accepts, at no more than some instants and its most nodes."""
+    path, most = find_source(path, form), instants or form.instants
+    if form.accepts == "policy":
+        return PolicySource(path)
+    if form.accepts == "shapes":
+        return _open_shapes(path, most, form.nodes)
     data = read_result(path, {}, lazily=True)
     records = even_indices(data.sizes["time"], most)
     notes = _notes(data, data.sizes["time"], records.size)
-    return Source(path, data, records, tuple(notes))
+    return Table(path, tuple(notes), data, records, variables, nodes)
 
 
-def open_shapes(path: Path, most: int, nodes: int | None = None) -> tuple[Source, Scene]:
-    """Open a result for shapes at no more than some instants and nodes."""
+def _open_shapes(path: Path, most: int, nodes: int | None) -> Shapes:
     data = checked_result(path, lazily=True)
     try:
         scene = build_scene([("", data)], most, nodes or data.sizes["node"])
@@ -98,17 +146,7 @@ def open_shapes(path: Path, most: int, nodes: int | None = None) -> tuple[Source
     shown = run.diameter.size
     if shown < scene.nodes:
         notes.append(f"the arm is shown by {shown} of its {scene.nodes} nodes")
-    return Source(path, data, run.at, tuple(notes)), scene
-
-
-def attitudes_at(data: xr.Dataset, run: Keyframes) -> Rotations:
-    """Return the attitude of the arm over time at the chosen nodes."""
-    director = None
-    if "director" in data:
-        pieces = chosen_pieces(data, ["director"], run.at)
-        director = np.concatenate([piece["director"].values for piece in pieces])
-    chosen = even_indices(data.sizes["node"], run.diameter.size)
-    return arm_attitudes(run.position, None if director is None else director[:, chosen[:-1]])
+    return Shapes(path, tuple(notes), data, run.at, scene)
 
 
 def _notes(data: xr.Dataset, saved: int, chosen: int) -> list[str]:

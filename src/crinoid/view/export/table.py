@@ -1,10 +1,9 @@
 """Comma-separated values of a run over time."""
 
 import csv
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -13,7 +12,7 @@ from crinoid.foundation.result_variables import LARGE
 from crinoid.results.chunks import chosen_pieces
 from crinoid.results.own_files import TIME, table_head
 from crinoid.scenario.errors import Mistake, ScenarioError, got, shown
-from crinoid.view.export.source import Source
+from crinoid.view.export.source import Files, Report, Table
 
 
 @dataclass(frozen=True)
@@ -57,12 +56,13 @@ def variables_of(data: xr.Dataset, wanted: Sequence[str] | None) -> list[str]:
     return list(wanted)
 
 
-def columns_of(data: xr.Dataset, names: Sequence[str], nodes: Sequence[int] | None) -> Columns:
+def columns_of(source: Table) -> Columns:
     """Return the columns of a table: variables, and parts of them at nodes or edges by number.
 
     Negative numbers count from the tip.
     """
-    found = []
+    data, nodes, found = source.data, source.nodes, []
+    names = variables_of(data, source.variables)
     for name in names:
         along = next((str(dim) for dim in data[name].dims if dim in LARGE), None)
         taken = None if along is None or nodes is None else _places(along, data.sizes[along], nodes)
@@ -83,12 +83,10 @@ def _places(along: str, count: int, nodes: Sequence[int]) -> set[int]:
     return {node % count for node in nodes}
 
 
-def write_table(
-    source: Source, columns: Columns, path: Path, report: Callable[[int, int], None]
-) -> list[str]:
+def write_csv(source: Table, files: Files, report: Report) -> list[str]:
     """Write a table with a row for each instant; return notes on numbers that are not finite."""
-    empty = 0
-    with path.open("w", newline="", encoding="utf-8") as file:
+    columns, empty = columns_of(source), 0
+    with files[0].open("w", newline="", encoding="utf-8") as file:
         file.write(table_head([TIME, *(part.head(name) for name, part in columns)]))
         writer = csv.writer(file)
         for row in rows_of(source, columns, report):
@@ -97,9 +95,7 @@ def write_table(
     return note_on_empty(empty)
 
 
-def rows_of(
-    source: Source, columns: Columns, report: Callable[[int, int], None]
-) -> Iterator[list[float | None]]:
+def rows_of(source: Table, columns: Columns, report: Report) -> Iterator[list[float | None]]:
     """Yield the time and the columns at each instant; None for a number that is not finite."""
     names = list(dict.fromkeys(name for name, _ in columns))
     written = 0

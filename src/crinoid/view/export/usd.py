@@ -1,6 +1,6 @@
 """USD of a run: the arm as a curve with widths, and rigid bodies, both animated."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from pxr import Gf, Tf, Usd, UsdGeom, Vt
 from crinoid.results.scene.bodies import COLOURS, RigidBody, rigid_bodies
 from crinoid.results.scene.mesh import BodyShape, Rotations, quaternions
 from crinoid.results.scene.mount import Path as Places
-from crinoid.results.scene.scene import Scene
+from crinoid.view.export.source import Files, Report, Shapes
 
 _RATE = 50.0  # time codes per second
 _STILL = 1e-9
@@ -18,11 +18,14 @@ _STILL = 1e-9
 Values = Float[np.ndarray, "time ..."]
 
 
-def stage_of(scene: Scene, turn: Rotations, extras: Mapping[str, str]) -> str:
-    """Return the text of a stage (z up, metres), with its source as custom data of the layer."""
-    (run,) = scene.members
+def write_usd(source: Shapes, files: Files, report: Report) -> list[str]:
+    """Write a stage (z up, metres): the arm as a curve with widths, and rigid bodies around it.
+
+    The layer has its source as custom data.
+    """
+    run, turn = source.run, source.attitudes
     stage = Usd.Stage.CreateInMemory(".usda")
-    stage.GetRootLayer().customLayerData = dict(extras)
+    stage.GetRootLayer().customLayerData = source.attributes
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     codes = np.round(_RATE * run.time, 9)
@@ -44,9 +47,11 @@ def stage_of(scene: Scene, turn: Rotations, extras: Mapping[str, str]) -> str:
     _paint(arm, "arm")
     tip = UsdGeom.Xform.Define(stage, "/World/tip")
     _move(tip, codes, run.position[:, -1], turn[:, -1])
-    for body in rigid_bodies(scene, run):
+    for body in rigid_bodies(source.scene, run):
         _add_body(stage, codes, body)
-    return str(stage.GetRootLayer().ExportToString())
+    report(run.at.size, run.at.size)
+    files[0].write_text(str(stage.GetRootLayer().ExportToString()), "utf-8")
+    return []
 
 
 def _add_body(stage: Usd.Stage, codes: Float[np.ndarray, " time"], body: RigidBody) -> None:

@@ -1,7 +1,7 @@
 """VTKHDF of a run: the arm as a line with its variables, and rigid bodies as surfaces."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,10 @@ from jaxtyping import Float, Int
 
 from crinoid.foundation.result_variables import LARGE
 from crinoid.results.chunks import chosen_pieces
-from crinoid.results.scene.bodies import RigidBody
+from crinoid.results.scene.bodies import RigidBody, rigid_bodies
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.mesh import at_nodes, unit_vectors
-from crinoid.view.export.source import Source
+from crinoid.view.export.source import Files, Report, Shapes, Source
 from crinoid.view.export.table import parts_of
 
 _VERSION = (2, 0)
@@ -120,7 +120,18 @@ _BATCH = 1 << 19  # points of surfaces that are computed in one call
 Named = Iterator[tuple[str, str, Float[np.ndarray, "time ..."]]]  # names, units and values
 
 
-def write_arm(source: Source, path: Path, report: Callable[[int, int], None]) -> list[str]:
+def write_vtkhdf(source: Shapes, files: Files, report: Report) -> list[str]:
+    """Write the arm as a line with its variables, and rigid bodies around it as surfaces.
+
+    Returns notes on numbers that are not finite.
+    """
+    arm, surroundings = files
+    notes = write_arm(source, arm, report)
+    write_bodies(source, rigid_bodies(source.scene, source.run), surroundings)
+    return notes
+
+
+def write_arm(source: Source, path: Path, report: Report) -> list[str]:
     """Write the arm as one line through its nodes, with all variables along it.
 
     Returns notes on numbers that are not finite.

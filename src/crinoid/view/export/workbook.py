@@ -1,17 +1,16 @@
 """Workbook of a run: its measures, its variables over time, and their meanings."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import chain
-from pathlib import Path
 
 import xlsxwriter
 
 from crinoid.results.own_files import PRODUCER, TIME
 from crinoid.results.summary import summarised
 from crinoid.scenario.errors import got, refusal
-from crinoid.view.export.source import Source
-from crinoid.view.export.table import Columns, note_on_empty, rows_of
+from crinoid.view.export.source import Files, Report, Table
+from crinoid.view.export.table import columns_of, note_on_empty, rows_of
 
 _MOST_COLUMNS = 16_384
 """Columns of a sheet of Excel."""
@@ -19,10 +18,12 @@ _MOST_COLUMNS = 16_384
 Row = Iterable[str | float | None]
 
 
-def write_workbook(
-    source: Source, columns: Columns, path: Path, report: Callable[[int, int], None]
-) -> list[str]:
-    """Write the sheets of a run; return notes on numbers that are not finite."""
+def write_xlsx(source: Table, files: Files, report: Report) -> list[str]:
+    """Write the sheets of a run: measures, the table of `write_csv`, and its variables.
+
+    Returns notes on numbers that are not finite.
+    """
+    columns = columns_of(source)
     if len(columns) >= _MOST_COLUMNS:
         must = f"be fewer than {_MOST_COLUMNS} columns"
         raise refusal("--variables", got(len(columns), must, "Name fewer variables or --nodes."))
@@ -42,7 +43,7 @@ def write_workbook(
     about = [(name, str(text)) for name, text in source.attributes.items()]
     named = {name: source.data[name].attrs for name, _ in columns}
     meanings = [(k, a.get("units", ""), a.get("long_name", "")) for k, a in named.items()]
-    with xlsxwriter.Workbook(path, {"constant_memory": True}) as book:
+    with xlsxwriter.Workbook(files[0], {"constant_memory": True}) as book:
         book.set_properties({"author": PRODUCER})
         _write(book, "summary", ("measure", "value", "unit", "meaning"), [*measures, (), *about])
         heads = (TIME, *(part.head(name) for name, part in columns))
