@@ -98,7 +98,12 @@ HANGING = {"records": 41, "drift": 0.0, "touching": False, "tilt_deg": -80.0}
 @pytest.mark.parametrize("changes", [HANGING, {"records": 1, "duration": 0.0}])
 def test_odd_obstacles_and_their_contacts_are_drawn(changes, tmp_path):
     run = Result(among_obstacles(**changes))
-    assert_drawn(run, tmp_path, draw_shape, lambda run: draw_chart(contact_chart(run), run))
+    assert_drawn(
+        run,
+        tmp_path,
+        draw_shape,
+        lambda run: draw_chart(contact_chart(run), run.dataset, run.title),
+    )
     assert_is_a_page(write_run(run, tmp_path / PAGE))
 
 

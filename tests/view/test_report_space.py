@@ -41,7 +41,10 @@ ODD = {
 @pytest.mark.parametrize("name", quick_and_release(ODD, quick=1))
 def test_odd_runs_are_drawn(name, tmp_path):
     run = Result(curling_arm(**{"records": 7} | ODD[name]))
-    charts = [lambda run, of=of: draw_chart(of(run), run) for of in (tip_chart, drive_chart)]
+    charts = [
+        lambda run, of=of: draw_chart(of(run), run.dataset, run.title)
+        for of in (tip_chart, drive_chart)
+    ]
     assert_drawn(run, tmp_path, draw_sheet, draw_bending, *charts)
 
 

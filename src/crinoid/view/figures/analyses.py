@@ -1,6 +1,7 @@
 """Figures of a sampled current and of vibration modes."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -13,8 +14,11 @@ from matplotlib.lines import Line2D
 from crinoid.foundation.status import Status
 from crinoid.results.scene.data import in_space, is_spatial
 from crinoid.results.scene.projection import OBLIQUE, SIDE, PaperPoint, PaperPoints, View
-from crinoid.results.units import SLOWEST, largest, no_swing
+from crinoid.results.units import SLOWEST, Unit, largest, no_swing
 from crinoid.view.figures import style
+from crinoid.view.figures.charts.chart import Chart, Level, Panel, Trace
+
+_SPEED = Unit(1.0, "m/s")
 
 
 def _axes_of(flow: xr.Dataset) -> list[str]:
@@ -63,38 +67,24 @@ def draw_profile(flow: xr.Dataset) -> Figure:
     return figure
 
 
-def draw_series(flow: xr.Dataset) -> Figure:
-    """Draw all components and the speed over time, at the tip and at the root."""
-    names = _axes_of(flow)
-    rows = len(names) + 1
-    figure = Figure(figsize=(style.WIDTH, 0.4 + 2.0 * rows), layout="constrained")
-    panels = list(figure.subplots(rows, 1, sharex=True))
-    time = flow["time"].values
-    velocity = flow["flow_velocity"].values
+def series_chart(flow: xr.Dataset) -> Chart:
+    """Return all components and the speed over time, at the tip and at the root."""
+    time, velocity = flow["time"].values, flow["flow_velocity"].values
     after = time >= float(flow.attrs.get("settled", 0.0)) - 1e-9  # the last ramp
-    settled = np.asarray(velocity[after], float)
-    apart = differ(flow)
-    speed = np.linalg.norm(velocity, axis=2)
-    place = "tip" if apart else "root and tip"
-    lines = [
-        *((axis, velocity[..., index], settled[..., index]) for index, axis in enumerate(names)),
-        ("speed", speed, np.linalg.norm(settled, axis=2)),
-    ]
-    for axes, (name, values, steady) in zip(panels, lines, strict=True):
-        colour = style.AXIS_COLOURS.get(name, style.INK)
-        mean, deviation = steady[:, 1].mean(), steady[:, 1].std()
-        label = f"{place}: mean {mean:.3g} (dashed), standard deviation {deviation:.2g} m/s"
-        axes.plot(time, values[:, 1], color=colour, linewidth=0.9, zorder=3, label=label)
-        axes.axhline(mean, color=colour, linestyle=(0, (4, 2)), linewidth=0.9, zorder=4)
-        if apart:
-            axes.plot(time, values[:, 0], color=style.GREY, linewidth=0.9, zorder=2, label="root")
-        axes.set_ylabel(f"{name} (m/s)" if name == "speed" else f"velocity {name} (m/s)")
-        style.key(axes)
-    panels[-1].set_ylim(bottom=0.0)
-    style.share_time(panels, time)
-    figure.align_ylabels(panels)
-    style.head_of(figure, flow, "current")
-    return figure
+    parts = {axis: velocity[..., index] for index, axis in enumerate(_axes_of(flow))}
+    panels = []
+    for name, values in (parts | {"speed": np.linalg.norm(velocity, axis=2)}).items():
+        steady, speed = values[after, 1], name == "speed"
+        mean, role = float(steady.mean()), "ink" if speed else name
+        words = f"mean {mean:.3g} (dashed), standard deviation {steady.std():.2g} m/s"
+        traces = [Trace("root and tip", time, values[:, 1], role, summary=words)]
+        if differ(flow):
+            tip = Trace("tip", time, values[:, 1], role, summary=words)
+            traces = [Trace("root", time, values[:, 0], "faint"), tip]
+        label, levels = name if speed else f"velocity {name}", (Level(mean, role, "dashed"),)
+        panel = Panel(name, label, _SPEED, tuple(traces), levels, tall=2.0)
+        panels.append(replace(panel, low=0.0) if speed else panel)
+    return Chart("flow", "current", tuple(panels))
 
 
 Spectrum = Float[np.ndarray, "frequency ..."]

@@ -19,10 +19,10 @@ from crinoid.results.reading import load_as, open_drawable
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result
 from crinoid.results.scene.data import is_spatial
-from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
+from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectrum, series_chart
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, energy_chart
-from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
+from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate, log_chart
 from crinoid.view.figures.charts.spectra import has_loads, load_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
@@ -31,7 +31,6 @@ from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
 from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
-from crinoid.view.figures.estimate import draw_estimate
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.response import draw_response
@@ -53,7 +52,11 @@ from crinoid.view.refusals import require_figures, require_path
 
 
 def _of(chart: Callable[[Result], Chart]) -> Callable[[Result], Figure]:
-    return lambda run: draw_chart(chart(run), run)
+    return lambda run: draw_chart(chart(run), run.dataset, run.title)
+
+
+def _found(chart: Callable[[xr.Dataset], Chart]) -> Callable[[xr.Dataset], Figure]:
+    return lambda data: draw_chart(found := chart(data), data, found.title)
 
 
 _FIGURES: dict[str, Callable[[Result], Figure]] = {
@@ -85,7 +88,11 @@ _FINDINGS = {
             "flow_spectrum": ("frequency", "place", "axis"),
             **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
         },
-        {"flow.png": draw_series, "spectrum.png": draw_spectrum, "profile.png": draw_profile},
+        {
+            "flow.png": _found(series_chart),
+            "spectrum.png": draw_spectrum,
+            "profile.png": draw_profile,
+        },
     ),
     RECORD: _Finding(
         "a record",
@@ -163,7 +170,7 @@ _FINDINGS = {
             **dict.fromkeys(("innovation", "innovation_std"), ("time", "reading")),
             "sensor_reading": ("time", "reading"),
         },
-        {"log_estimate.png": draw_estimate},
+        {"log_estimate.png": _found(log_chart)},
     ),
     OPTIMISATION: _Finding(
         "an optimisation",

@@ -2,12 +2,12 @@
 
 from typing import Any
 
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from crinoid.results.result import Result
 from crinoid.view.figures import style
 from crinoid.view.figures.charts.chart import Chart, Panel, Role, Trace
 
@@ -16,8 +16,8 @@ _COLOURS |= style.AXIS_COLOURS
 _DASHED = (0, (4, 2))
 
 
-def draw_chart(chart: Chart, run: Result) -> Figure:
-    """Draw the panels of a chart of a run below each other."""
+def draw_chart(chart: Chart, data: xr.Dataset, title: str) -> Figure:
+    """Draw the panels of a chart below each other; without a title of the data the given one."""
     panels = chart.filled
     heights = [panel.tall for panel in panels]
     figure = Figure(figsize=(style.WIDTH, 0.5 + sum(heights)), layout="constrained")
@@ -29,9 +29,9 @@ def draw_chart(chart: Chart, run: Result) -> Figure:
     if panels[-1].over:
         drawn[-1].set_xlabel("frequency (Hz)")
     else:
-        style.share_time(drawn, run.dataset["time"].values)
+        style.share_time(drawn, data["time"].values)
     figure.align_ylabels([axes for axes in drawn if axes.get_ylabel()])
-    style.head(figure, run.title, run.status)
+    style.head_of(figure, data, title)
     if chart.remark:
         drawn[0].set_title(chart.remark, loc="right", fontsize=8.5)
     return figure
@@ -94,11 +94,15 @@ def _draw_trace(axes: Axes, panel: Panel, trace: Trace) -> None:
         alpha = 0.15 if trace.behind else 0.3
         axes.stairs(values[:-1], trace.at, fill=True, color=ink, alpha=alpha, linewidth=0)
         return
+    label = trace.words if trace.words and not trace.quiet else None
+    if trace.line == "points":
+        axes.plot(trace.at, values, ".", color=ink, label=label, markersize=2.0)
+        return
     axes.plot(
         trace.at,
         values,
         color=ink,
-        label=trace.words if trace.words and not trace.quiet else None,
+        label=label,
         **_look(trace.line, trace.behind and trace.role not in ("free", "run")),
         zorder=2 if trace.behind else 3,
         marker="o" if trace.at.size <= 12 else "none",

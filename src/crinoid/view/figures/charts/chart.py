@@ -27,8 +27,8 @@ class Trace:
     at: Series
     values: Series
     role: Role
-    line: Literal["solid", "dashed", "dotted", "filled"] = "solid"
-    """`"filled"`: steps down to zero, a value from each instant to the next."""
+    line: Literal["solid", "dashed", "dotted", "filled", "points"] = "solid"
+    """`"filled"`: steps down to zero, a value from each instant to the next; points: on paper."""
     behind: bool = False  # whether it is drawn fainter and behind the others, as a reference
     summary: str = ""  # numbers that summarise it
     quiet: bool = False  # whether it has no entry in the key

@@ -1,4 +1,6 @@
-"""Chart of an observer's estimate of tip and current, next to the true ones."""
+"""Charts of an observer's estimate of tip and current, from a run and from a log."""
+
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -7,9 +9,10 @@ from jaxtyping import Float
 from crinoid.results.errors import short_way
 from crinoid.results.result import Result
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
-from crinoid.view.figures.charts.chart import Chart, Panel, Trace, rms
+from crinoid.view.figures.charts.chart import Chart, Level, Panel, Trace, rms
 
 _WIDE = 2.0  # standard deviations from the estimate to the edge of the band
+_NAMED = 8  # most readings that have different colours, and names in the key
 
 Series = Float[np.ndarray, " time"]
 
@@ -75,8 +78,47 @@ def _panel(
         Trace("true", time, true - origin, "ink"),
         Trace("estimated", at, value - before, "run", summary=words),
     ]
-    for sign in (1, -1):
-        edge = value - before + sign * _WIDE * std
-        name = f"band: \N{PLUS-MINUS SIGN}{_WIDE:g} std"
-        traces.append(Trace(name, at, edge, "faint", "dotted", quiet=sign < 0))
+    return _framed(label, unit, [*traces, *_band(at, value - before, std)])
+
+
+def _band(at: Series, value: Series, std: Series) -> list[Trace]:
+    name = f"band: \N{PLUS-MINUS SIGN}{_WIDE:g} std"
+    edges = ((sign < 0, value + sign * _WIDE * std) for sign in (1, -1))
+    return [Trace(name, at, edge, "faint", "dotted", quiet=quiet) for quiet, edge in edges]
+
+
+def _framed(label: str, unit: Unit, traces: list[Trace]) -> Panel:
     return Panel(label.replace("\n", "_").replace(" ", "_"), label, unit, tuple(traces), columns=3)
+
+
+def log_chart(data: xr.Dataset) -> Chart:
+    """Return the estimate from a log: tip and current with readings, and the innovations."""
+    time, readings = data["time"].values, [str(name) for name in data["reading"].values]
+    axes, panels = [str(axis) for axis in data["axis"].values], []
+    rows = [(f"tip {axis}", "estimated_tip_position", axis) for axis in axes]
+    rows += [("tip angle", "estimated_tip_angle", "")] * ("estimated_tip_angle" in data)
+    rows += [(f"mean current\n{axis}", "estimated_flow_velocity", axis) for axis in axes]
+    for label, name, axis in rows:
+        value, std = _part(data, name, axis)
+        size, reading, traces = largest(value, std), label.replace(" ", "."), []
+        unit = length_unit(size) if axis else DEGREES
+        unit = si_unit(size, "m/s") if name.endswith("velocity") else unit
+        if reading in readings:
+            measured = data["sensor_reading"].sel(reading=reading).values
+            measured = measured if axis else value + short_way(measured - value)
+            traces.append(Trace("reading", time, measured, "ink", "points"))
+        traces += [Trace("estimated", time, value, "run"), *_band(time, value, std)]
+        # a wide prior at the start leaves the rest of the panel visible
+        edges = np.concatenate([each.values[time.size // 10 :] for each in traces[-2:]])
+        room = 0.15 * max(np.ptp(edges), 1e-9 * max(largest(edges), 1e-3))
+        low, high = float(edges.min()) - room, float(edges.max()) + room
+        panels.append(replace(_framed(label, unit, traces), low=low, high=high))
+    over = (data["innovation"] / data["innovation_std"]).transpose("reading", "time").values
+    points = tuple(
+        Trace(name, time, each, f"series {index}", "points", quiet=len(readings) > _NAMED)
+        for index, (name, each) in enumerate(zip(readings, over, strict=True))
+    )
+    share = f"{100 * data.attrs['within_two_std']:.1f} % within \N{PLUS-MINUS SIGN}{_WIDE:g} std"
+    ends = tuple(Level(edge, "ink") for edge in (-_WIDE, _WIDE))
+    panels.append(Panel("innovation", "innovation\n(std)", None, points, ends, left_out=share))
+    return Chart("log_estimate", "", tuple(panels))
