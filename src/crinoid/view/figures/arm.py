@@ -22,6 +22,7 @@ from crinoid.results.scene.data import (
 from crinoid.results.scene.mesh import Facets, arm_facets
 from crinoid.results.scene.mount import base_directions, base_word, find_mount
 from crinoid.results.scene.projection import View
+from crinoid.view.figures.painter import STEEL
 from crinoid.view.figures.style import GREY, INK, PALE, VERMILLION, time_map, timed
 from crinoid.view.figures.surroundings import (
     draw_obstacles,
@@ -32,7 +33,6 @@ from crinoid.view.figures.surroundings import (
 
 _SHAPES = 25  # more would merge into a smear
 _HULL = 0.16  # share of the arm's length about the root, within which its base is shown
-_STEEL = "#75858F"
 _RIM = "#B4BDC2"  # around the arm's thickness
 
 
@@ -75,7 +75,9 @@ def draw_arm(
     if "diameter" in data:
         _draw_thickness(axes, data, view)
 
-    lines = LineCollection(list(shapes[chosen]), linewidths=1.0, zorder=2, **timed(data, chosen))
+    lines = LineCollection(
+        list(shapes[chosen]), linewidths=1.0, zorder=2, **timed(data["time"].values, chosen)
+    )
     axes.add_collection(lines)
     middle, label = (0.5, "arm over time") if len(chosen) > 1 else (0.0, "arm")
     axes.plot([], [], color=time_map()(middle), linewidth=1.0, label=label)
@@ -116,7 +118,7 @@ def mount_facets(data: xr.Dataset, longest: float = 0.05) -> list[tuple[Facets, 
     last = data.isel(time=[-1])
     root, length = in_space(last, "position")[:, 0], arm_length(data)
     thick = float(data["diameter"].values[0]) / 2 if "diameter" in data else 0.01 * length
-    looks = {"hull": (GREY, base_word(data)), "steel": (_STEEL, "clamp")}
+    looks = {"hull": (GREY, base_word(data)), "steel": (STEEL, "clamp")}
     return [
         (body.transform(body.shape.mesh(longest * length).facets, 0), *looks[body.material])
         for body in mount_bodies(find_mount(last), root, thick, length)

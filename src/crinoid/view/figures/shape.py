@@ -1,5 +1,6 @@
 """Shape of the arm over time, its bending and tension, and the path of its tip close up."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,23 +8,26 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from crinoid.results.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
+from crinoid.results.scene.mesh import AROUND, arm_facets
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
+from crinoid.results.scene.scene import build_scene
 from crinoid.results.units import largest, length_unit
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points
 from crinoid.view.figures.charts.spectra import miss, spectrum_panel
+from crinoid.view.figures.painter import Surface
 from crinoid.view.figures.paper import draw_panel
-from crinoid.view.figures.perspective import DARK, add_arm
+from crinoid.view.figures.perspective import draw_end
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.sheet import (
     LEFT,
     box_around,
     contents,
-    fit_scene,
     in_best_frame,
     measured_from,
 )
@@ -53,6 +57,7 @@ def draw_bending(run: Run) -> Figure:
     style.head(figure, run.title, run.status)
     if spatial:
         style.lay_out_below(figure, lines)
+    scene = build_scene([(label, data.isel(time=[-1])) for label, data in run.members], 1, 201)
     panels = figure.subplots(len(rows), count, sharex=True, sharey="row", squeeze=False)
     for column, (label, data) in enumerate(run.members):
         if spatial:
@@ -60,11 +65,9 @@ def draw_bending(run: Run) -> Figure:
             arm = style.add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
             inside = [in_space(member, "position")[-1] for _, member in run.members]
             inside += [mount_points(member) for _, member in run.members]
-            scene = fit_scene(arm, *box_around(np.concatenate(inside)))
-            add_arm(scene, data)
-            if "diameter" not in data:
-                scene.add_line(in_space(data, "position")[-1], style.INK)
-            scene.draw()
+            box = box_around(np.concatenate(inside))
+            alone = replace(scene.members[column], obstacles=())
+            draw_end(arm, scene, alone, box, arm=_halves(data))
             arm.set_title(f"{label}, at the end" if label else "arm at the end", loc="left")
         else:
             panels[0, column].set_title(label, loc="left")
@@ -79,13 +82,28 @@ def draw_bending(run: Run) -> Figure:
             axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
     figure.align_ylabels(panels[:, 0])
     if "director" in run.result:
-        sides = {"side of the director $m_1$": DARK, "other side": style.PALE}
+        sides = {"side of the director $m_1$": _DARK, "other side": style.PALE}
         look: Any = {"edgecolor": style.INK, "linewidth": 0.5}
         halves = [Patch(facecolor=ink, label=label, **look) for label, ink in sides.items()]
         below = (0.5, lines / tall)
         figure.legend(handles=halves, loc="lower center", bbox_to_anchor=below, ncols=2)
     style.time_bar(figure, run.result, ax=panels, label="time (s)", aspect=40, pad=0.015)
     return figure
+
+
+_DARK = "#6F8591"  # the half of the arm that is on the side of its director m_1
+
+
+def _halves(data: xr.Dataset) -> Surface | None:
+    """Return the arm at the end, half of it dark where its director is known."""
+    if "director" not in data or "diameter" not in data:
+        return None
+    position, director = in_space(data, "position")[-1], in_space(data, "director")[-1]
+    facets = arm_facets(position, data["diameter"].values.astype(float), director)
+    colours = np.tile(to_rgba(style.PALE), (len(facets), 1))
+    around = np.arange(len(facets)) % AROUND
+    colours[(around + AROUND // 4) % AROUND <= AROUND // 2] = to_rgba(_DARK)
+    return Surface(facets, colours)
 
 
 def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
@@ -100,7 +118,9 @@ def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
     chosen = chosen_records(data)
     lines = [np.column_stack([arc, values[record]]) for record in chosen]
     widths = np.where(chosen == chosen[-1], 1.8, 0.9)
-    axes.add_collection(LineCollection(lines, linewidths=widths, **style.timed(data, chosen)))
+    axes.add_collection(
+        LineCollection(lines, linewidths=widths, **style.timed(data["time"].values, chosen))
+    )
     axes.autoscale_view()
     axes.set_xlim(0.0, float(nodes[-1]))
 
@@ -237,7 +257,7 @@ def _path(
     axes.axvline(0.0, color=style.GREY, linewidth=0.7)
     pieces = np.stack([points[:-1], points[1:]], axis=1)
     later = np.arange(1, len(points))
-    line = LineCollection(list(pieces), linewidths=0.9, **style.timed(data, later))
+    line = LineCollection(list(pieces), linewidths=0.9, **style.timed(data["time"].values, later))
     axes.add_collection(line, autolim=False)
     axes.plot(
         *points[-1], "o", color=style.VERMILLION, markersize=4, zorder=5, label="tip at the end"

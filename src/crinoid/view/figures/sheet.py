@@ -9,13 +9,13 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crinoid.results.scene.clip import box_corners
 from crinoid.results.scene.data import Point, arm_length
-from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View, perspective
+from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View
+from crinoid.results.scene.scene import build_scene
 from crinoid.results.units import largest
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import Chosen, draw_arm, mount_points, points_of
-from crinoid.view.figures.perspective import PerspectivePlot, draw_scene
+from crinoid.view.figures.perspective import draw_over_time
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
 
@@ -103,6 +103,7 @@ _RIGHT = 1.0
 _NUMBERS = 0.25  # inches, left of the perspective
 _MARGIN = 0.04  # around everything, of the largest extent
 _LEAST = 0.35  # extent of the window along any axis, of the largest
+_RECORDS, _NODES = 1001, 201  # most of the perspective
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def draw_sheet(run: Run) -> Figure:
     scale = max(current.scale for some in currents.values() for current in some)
     inside = contents(members)
     low, high = window(inside, currents, scale)
-    bottom, top = box_around(inside)
+    box, scene = box_around(inside), build_scene(run.members, _RECORDS, _NODES)
 
     alone = len(members) == 1
     block = fit(high - low, style.WIDTH - LEFT - _RIGHT, *((6.6, 2.5) if alone else (4.5, 2.2)))
@@ -166,7 +167,7 @@ def draw_sheet(run: Run) -> Figure:
             (wide, tall), top_of = figure.get_size_inches(), foot + block.height + 0.24
             place = LEFT / wide, top_of / tall
             figure.text(*place, label, va="bottom", fontsize=9.5, fontweight="bold")
-        draw_scene(fit_scene(corner, bottom, top), data)
+        draw_over_time(corner, scene, scene.members[index], box)
         style.narrow_time_bar(
             figure, run.result, style.WIDTH - _RIGHT + 0.15, foot, float(block.extent[2])
         )
@@ -235,16 +236,3 @@ def box_around(points: Float[np.ndarray, "point axis=3"]) -> tuple[Point, Point]
     low, high = low - margin, high + margin
     lacking = np.maximum(_LEAST * float((high - low).max()) - (high - low), 0.0)
     return low - lacking / 2, high + lacking / 2
-
-
-def fit_scene(axes: Axes, low: Point, high: Point) -> PerspectivePlot:
-    """Make a scene in perspective of a box, shown whole and as large as it goes."""
-    view = perspective(low, high)
-    corners = view.paper(box_corners(low, high))
-    left, right = corners.min(axis=0), corners.max(axis=0)
-    edge = 0.005 * (right - left)  # half a line
-    left, right = left - edge, right + edge
-    axes.set(aspect="equal", xlim=(left[0], right[0]), ylim=(left[1], right[1]))
-    axes.set_axis_off()
-    axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
-    return PerspectivePlot(axes, low, high, view)

@@ -69,7 +69,8 @@ def draw_obstacles(
 ) -> None:
     """Draw obstacles at the end, and those that move also at chosen records."""
     obstacles, arm = find_obstacles(data), in_space(data, "position")[-1]
-    colours = style.time_map()(style.time_norm(data)(data["time"].values[chosen]))
+    time = data["time"].values
+    colours = style.time_map()(style.time_norm(time)(time[chosen]))
     round_too = any(obstacle.kind != "plane" for obstacle in obstacles)
     label = "obstacle at the end" if any(obstacle.moves for obstacle in obstacles) else "obstacle"
     window = view.paper(np.stack([low, high]))
