@@ -15,8 +15,9 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
+from crinoid.results.reading import load_as, open_drawable
 from crinoid.results.report_error import ReportError
-from crinoid.results.result import TRAINING
+from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result
 from crinoid.results.scene.data import is_spatial
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
 from crinoid.view.figures.charts.chart import Chart
@@ -34,7 +35,6 @@ from crinoid.view.figures.estimate import draw_estimate
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.response import draw_response
-from crinoid.view.figures.run import RESULT, UNCONTROLLED, Run, load_as, open_run
 from crinoid.view.figures.searches import (
     draw_identification,
     draw_optimisation,
@@ -52,11 +52,11 @@ from crinoid.view.page.write import write_run
 from crinoid.view.refusals import require_figures, require_path
 
 
-def _of(chart: Callable[[Run], Chart]) -> Callable[[Run], Figure]:
+def _of(chart: Callable[[Result], Chart]) -> Callable[[Result], Figure]:
     return lambda run: draw_chart(chart(run), run)
 
 
-_FIGURES: dict[str, Callable[[Run], Figure]] = {
+_FIGURES: dict[str, Callable[[Result], Figure]] = {
     "shape.png": draw_shape,
     "tip_error.png": _of(tip_chart),
     "tip_path.png": draw_close_up,
@@ -215,15 +215,15 @@ def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
 
 
 def _write_run(path: Path, out: Path, form: str) -> list[Path]:
-    run = open_run(path)
-    figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
+    run = open_drawable(path)
+    figures = _FIGURES | (_SPACE if is_spatial(run.dataset) else {})
     figures |= {"estimate.png": _of(estimate_chart)} if has_estimate(run) else {}
     figures |= {"loads.png": _of(load_chart)} if has_loads(run) else {}
     figures |= {"cycles.png": draw_cycles} if has_cycles(run) else {}
     figures |= {"vehicle.png": _of(vehicle_chart)} if has_vehicle_motion(run) else {}
     figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
     figures |= {"vortices.png": _of(vortex_chart)} if has_vortices(run) else {}
-    if run.result.sizes["time"] == 1:  # nothing changes
+    if run.dataset.sizes["time"] == 1:  # nothing changes
         figures = {name: figures[name] for name in _AT_REST}
     drawn = [
         _save(lambda draw=draw: draw(run), (out / name).with_suffix(f".{form}"), path)
