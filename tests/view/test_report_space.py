@@ -144,7 +144,7 @@ def test_a_tool_is_a_ball_of_its_volume_beyond_the_last_tip_that_held_it(until):
     data["tool_held"] = "time", np.where(data["time"] < (until or 9.0), 1.0, 0.0)
     before, tip = data["position"].values[-1 if until is None else 1, -2:]
     ahead = (tip - before) / np.linalg.norm(tip - before)
-    ball = tool_facets(data).reshape(-1, 3) - (tip + 0.03 * ahead)
+    ball = tool_facets(Result(data).scene.members[0]).reshape(-1, 3) - (tip + 0.03 * ahead)
     along, distance = ball @ ahead, np.linalg.norm(ball, axis=1)
     np.testing.assert_allclose(distance[along > 1e-9], (3 * 4.2e-6 / 4 / np.pi) ** (1 / 3))
     assert along.min() == pytest.approx(-0.03)  # its stem begins at the tip

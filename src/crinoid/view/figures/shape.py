@@ -31,7 +31,7 @@ from crinoid.view.figures.sheet import (
     in_best_frame,
     measured_from,
 )
-from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
+from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current, tool_facets
 
 ROWS = {
     "curvature": "curvature\n(1/m)",
@@ -63,8 +63,9 @@ def draw_bending(run: Result) -> Figure:
         if spatial:
             wide = (style.WIDTH - LEFT - 0.4) / count
             arm = style.add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
-            inside = [in_space(member.dataset, "position")[-1] for _, member in run.members]
-            inside += [mount_points(member.dataset) for _, member in run.members]
+            inside = [one.position[-1] for one in run.scene.members]
+            inside += [mount_points(member.scene) for _, member in run.members]
+            inside += [tool_facets(one).reshape(-1, 3) for one in run.scene.members if one.held[-1]]
             box = box_around(np.concatenate(inside))
             alone = replace(run.scene.members[column], obstacles=())
             draw_end(arm, run.scene, alone, box, arm=_halves(data))
@@ -115,7 +116,7 @@ def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
         return
     nodes = arc_length(data)
     arc = nodes if values.shape[1] == nodes.size else (nodes[1:] + nodes[:-1]) / 2
-    chosen = chosen_records(data)
+    chosen = chosen_records(data.sizes["time"])
     lines = [np.column_stack([arc, values[record]]) for record in chosen]
     widths = np.where(chosen == chosen[-1], 1.8, 0.9)
     axes.add_collection(
@@ -139,13 +140,12 @@ _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the
 def draw_shape(run: Result) -> Figure:
     """Draw the arm over time, and the arm without control at the same scale where it exists."""
     run, about = in_best_frame(run)
-    members = [(label, each.dataset) for label, each in run.members]
-    currents = [find_current(data, SIDE) for _, data in members]
+    currents = [find_current(each.dataset, SIDE) for _, each in run.members]
     scale = max(current.scale for current in currents)
-    low, high = _extent([data for _, data in members], currents, scale)
+    low, high = _extent([each for _, each in run.members], currents, scale)
     figure, panels = _panels(low, high, run, about)
-    for axes, (label, data), current in zip(panels, members, currents, strict=True):
-        draw_arm(axes, data, SIDE.lift(low), SIDE.lift(high), SIDE)
+    for axes, (label, each), current in zip(panels, run.members, currents, strict=True):
+        draw_arm(axes, each, SIDE.lift(low), SIDE.lift(high), SIDE)
         current.draw(axes, scale)
         axes.set_title(label, loc="left")
     if scale > 0.0:
@@ -200,7 +200,7 @@ def _panels(
 
 
 def _extent(
-    members: list[xr.Dataset], currents: list[CurrentArrows], scale: float
+    members: list[Result], currents: list[CurrentArrows], scale: float
 ) -> tuple[PaperPoint, PaperPoint]:
     """Corners (m) of a window that contains everything drawn in any panel."""
     points = [current.corners(scale) for current in currents]

@@ -60,11 +60,11 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
     """Draw a run in a parallel view, with the arm's shape at chosen records, and a legend."""
     run, about = in_best_frame(Result(data))
     current = find_current(run.dataset, view)
-    low, high = window(contents([run.dataset]), {view: [current]}, current.scale)
+    low, high = window(contents([run]), {view: [current]}, current.scale)
     (left, bottom), (right, top) = view.paper(low), view.paper(high)
     labels = measured_from(view, about)
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    draw_arm(axes, run.dataset, low, high, view, chosen)
+    draw_arm(axes, run, low, high, view, chosen)
     current.draw(axes, current.scale)
     # the window has room at its top for the legend and below it for the key of the water, and the
     # shape of the axes that are given; axes that share its scale keep what they show
@@ -140,7 +140,7 @@ def draw_sheet(run: Result) -> Figure:
     members = [each.dataset for _, each in run.members]
     currents = {view: [find_current(data, view) for data in members] for view in VIEWS}
     scale = max(current.scale for some in currents.values() for current in some)
-    inside = contents(members)
+    inside = contents([each for _, each in run.members])
     low, high = window(inside, currents, scale)
     box = box_around(inside)
 
@@ -154,12 +154,11 @@ def draw_sheet(run: Result) -> Figure:
 
     flat: list[Axes] = []
     for index, (label, each) in enumerate(run.members):
-        data = each.dataset
         foot = below + (len(members) - 1 - index) * (block.height + between)
         panels, corner = block.place(figure, LEFT, foot)
         for view, axes in panels.items():
             frame(axes, view, low, high, block.inch, about)
-            draw_arm(axes, data, low, high, view)
+            draw_arm(axes, each, low, high, view)
             if scale > 0.0 or view is SIDE:  # which else says that the water is still
                 currents[view][index].draw(axes, scale)
         flat += panels.values()
@@ -210,11 +209,9 @@ def frame(axes: Axes, view: View, low: Point, high: Point, inch: float, about: s
     axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
 
 
-def contents(members: list[xr.Dataset]) -> np.ndarray:
+def contents(members: list[Result]) -> np.ndarray:
     """Points that a window must contain to show some runs, without their water."""
-    return np.concatenate(
-        [part for data in members for part in (points_of(data), mount_points(data))]
-    )
+    return np.concatenate([f(each.scene) for each in members for f in (points_of, mount_points)])
 
 
 def window(

@@ -12,10 +12,15 @@ from crinoid.results.scene.data import Point, Points, even_indices
 from crinoid.results.scene.mount import Path
 from crinoid.results.scene.projection import View
 from crinoid.results.scene.scene import Keyframes, Scene
-from crinoid.view.film.settings import FORMATS, CameraSettings, require_within
+from crinoid.view.film.settings import (
+    FORMATS,
+    NEAR,
+    SPEEDS,
+    TRAVELS,
+    CameraSettings,
+    require_within,
+)
 
-_TRAVELS = 1.5  # a base that moves farther is followed, of the arm's length
-_NEAR = 0.35  # distance from the arm within which obstacles are shown, of its length
 _MARGIN = 1.12
 _FAR = 2.2  # the eye's distance, of the diagonal of the window
 _INSTANTS = 100
@@ -59,7 +64,7 @@ def followed_path(scene: Scene, wish: str | None) -> Path:
     root, still = position[:, 0], np.zeros((len(position), 3))
     if wish is None:
         distance = np.linalg.norm(root - root[0], axis=1).max()
-        return root if distance > _TRAVELS * scene.length else still
+        return root if distance > TRAVELS * scene.length else still
     return {"base": root, "tip": position[:, -1], "none": still}[wish]
 
 
@@ -78,7 +83,7 @@ def cloud_of(scene: Scene, members: Sequence[Keyframes], path: Path) -> Points:
         around = [arm - thick, arm + thick, anchor - wide, anchor + wide, run.target[some] - drift]
         clouds += [each.reshape(-1, 3) for each in around]
     shapes = np.concatenate(clouds)
-    low, high = shapes.min(axis=0) - _NEAR * length, shapes.max(axis=0) + _NEAR * length
+    low, high = shapes.min(axis=0) - NEAR * length, shapes.max(axis=0) + NEAR * length
     for body in (body for run in members for body in run.obstacles):
         points = np.concatenate([body.path - body.radius, body.path + body.radius])
         if body.solid is not None:
@@ -92,7 +97,6 @@ def cloud_of(scene: Scene, members: Sequence[Keyframes], path: Path) -> Points:
     return np.concatenate(clouds)
 
 
-SPEEDS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
 _MOST = 20_000  # frames of an MP4: ten minutes and more
 _MOST_PIXELS = 2e8  # most pixels of all frames of a GIF, which stay in memory until it is written
 

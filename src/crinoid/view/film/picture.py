@@ -21,7 +21,7 @@ from crinoid.view.figures.style import INK, VERMILLION
 from crinoid.view.film.camera import Camera, FilmSettings, camera_of, cloud_of, followed_path
 from crinoid.view.film.encode import Image
 from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, WATER, FilmPanel, pale
-from crinoid.view.film.settings import PRESETS, CameraSettings
+from crinoid.view.film.settings import PRESETS, RAMPS, CameraSettings
 
 _DPI = 100.0
 _POINT = 72.0 / _DPI  # points of a pixel
@@ -165,13 +165,6 @@ class PictureFrame:
         return textwrap.wrap(line, columns, max_lines=2, placeholder=" ...") if line else []
 
 
-RAMPS = {
-    False: ("#3b2a6b", "#3a5a92", "#2b8593", "#35ac80", "#8fcf4e", "#f4dd3b"),
-    True: ("#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"),
-}
-"""Colours along the arm, as on the page, by whether values have both signs."""
-
-
 class Picture:
     """The pictures of a film, all of one size.
 
@@ -247,5 +240,5 @@ def _shading(scene: Scene, wish: str | None, *, plain: bool) -> Shading | None:
         raise ReportError(f"--colour: {got(wish, must)}")
     name = wish or fields[0]
     low, high = colour_ranges(scene)[name]
-    ramp = LinearSegmentedColormap.from_list(name, RAMPS[low < 0.0])
+    ramp = LinearSegmentedColormap.from_list(name, RAMPS["two" if low < 0.0 else "one"])
     return Shading(name, low, high, ramp)
