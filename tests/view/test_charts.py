@@ -12,9 +12,9 @@ from crinoid.results.result import Result
 from crinoid.results.table import summary
 from crinoid.view.figures.charts.spectra import fluctuation_spectrum, load_chart
 from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.charts.touch import contact_chart
+from crinoid.view.figures.charts.vehicle import vehicle_chart
+from crinoid.view.figures.charts.vortices import vortex_chart
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.sheet import in_best_frame
 from helpers import planar_result, spatial_result
@@ -74,7 +74,7 @@ def test_the_spectrum_of_a_load_has_its_variance_at_its_frequency(dimension):
 @BOTH
 def test_a_submarine_has_its_motion_and_its_thrust_with_limits(dimension):
     run = run_of(dimension, vehicle=VEHICLE)
-    assert not has_vehicle_motion(run)  # its result has none
+    assert vehicle_chart(run) is None  # its result has none
     time, channels = run.dataset["time"].values, run.dataset.sizes["channel"]
     force = np.zeros((time.size, dimension))
     force[:, 0] = np.clip(6.0 * np.sin(time), -4.0, 4.0)
@@ -154,8 +154,7 @@ def touching():
 
 def test_contact_with_itself_has_its_times_force_and_gap():
     run = Result(touching())
-    assert has_contact(run)
-    assert not has_contact(Result(touching().drop_vars("self_force")))
+    assert contact_chart(Result(touching().drop_vars("self_force"))) is None
     when, pressed, apart = contact_chart(run).panels
     (row,) = when.rows
     assert row.spans == pytest.approx(np.array([[1.0, 2.0]]))
@@ -207,8 +206,7 @@ def shedding(phase):
 def test_the_chart_of_vortices_has_their_frequency_next_to_that_of_the_arm(wrapped):
     phase = 2 * np.pi * 1.3 * TIME
     run = Result(shedding(np.angle(np.exp(1j * phase)) if wrapped else phase))
-    assert has_vortices(run)
-    assert not has_vortices(Result(run.dataset.drop_vars("vortex_force")))
+    assert vortex_chart(Result(run.dataset.drop_vars("vortex_force"))) is None
     frequency, force = vortex_chart(run).panels
     assert [level.value for level in frequency.levels] == [1.4]
     np.testing.assert_allclose(frequency.traces[0].values, 1.3, rtol=1e-6)

@@ -24,9 +24,9 @@ from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
 from crinoid.view.figures.charts.spectra import load_chart, spectrum_chart
 from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.charts.touch import contact_chart
+from crinoid.view.figures.charts.vehicle import vehicle_chart
+from crinoid.view.figures.charts.vortices import vortex_chart
 from crinoid.view.figures.paper import draw_panel
 from crinoid.view.figures.shape import ROWS, draw_lines
 from crinoid.view.figures.sheet import draw_in
@@ -121,9 +121,9 @@ class Plots:
         ValueError
             If no submarine floats.
         """
-        if not has_vehicle_motion(self._run):
-            raise ValueError("the base is held, so no submarine floats. Add [vehicle].")
-        return self._chart(vehicle_chart, ax)
+        return self._chart(
+            vehicle_chart, ax, nothing="the base is held, so no submarine floats. Add [vehicle]."
+        )
 
     def energy(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot stored energies, works, and the defect of their balance: three panels."""
@@ -141,9 +141,11 @@ class Plots:
         ValueError
             If the run has neither obstacles nor ``contact.self``.
         """
-        if not has_contact(self._run):
-            raise ValueError("the result has no obstacles and no contact.self. Add one of them.")
-        return self._chart(contact_chart, ax)
+        return self._chart(
+            contact_chart,
+            ax,
+            nothing="the result has no obstacles and no contact.self. Add one of them.",
+        )
 
     def vortices(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot the frequency of shedding against the arm's own, and the force: two panels.
@@ -153,9 +155,11 @@ class Plots:
         ValueError
             If the water of the run sheds no vortices.
         """
-        if not has_vortices(self._run):
-            raise ValueError("the water of the run sheds no vortices. Add [water.vortices].")
-        return self._chart(vortex_chart, ax)
+        return self._chart(
+            vortex_chart,
+            ax,
+            nothing="the water of the run sheds no vortices. Add [water.vortices].",
+        )
 
     def shape(
         self,
@@ -233,16 +237,26 @@ class Plots:
     def _run(self) -> Result:
         return _with_shapes(self._result)
 
-    def _panel(self, chart: Callable[[Result], Chart], name: str, ax: Axes | None) -> Axes:
+    def _panel(self, chart: Callable[[Result], Chart | None], name: str, ax: Axes | None) -> Axes:
         (drawn,) = self._chart(chart, None if ax is None else [ax], name)
         return drawn
 
     def _chart(
-        self, chart: Callable[[Result], Chart], ax: Iterable[Axes] | None, only: str = ""
+        self,
+        chart: Callable[[Result], Chart | None],
+        ax: Iterable[Axes] | None,
+        only: str = "",
+        nothing: str = "",
     ) -> list[Axes]:
-        """Draw panels of a chart below each other, or into one of the given axes each."""
+        """Draw panels of a chart below each other, or into one of the given axes each.
+
+        A `ValueError` says that there is ``nothing`` of it.
+        """
         run, given = self._run, None if ax is None else list(ax)
-        panels = [panel for panel in chart(run).panels if only in ("", panel.name)]
+        found = chart(run)
+        if found is None:
+            raise ValueError(nothing)
+        panels = [panel for panel in found.panels if only in ("", panel.name)]
         time = run.dataset["time"].values
         with _axes([panel.tall for panel in panels], given) as drawn:
             for axes, panel in zip(drawn, panels, strict=True):

@@ -12,14 +12,7 @@ from crinoid.results.result import Result
 from crinoid.results.scene.scene import Scene, build_scene
 from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario import ScenarioError
-from crinoid.view.figures.charts.chart import Chart
-from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
-from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
-from crinoid.view.figures.charts.spectra import has_loads, load_chart, spectrum_chart
-from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.page import parts
 from crinoid.view.page.plots import plots_of
 from crinoid.view.page.scene import page_scene, scene_of, still_of
@@ -70,7 +63,7 @@ def page_of(run: Result) -> str:
     Texts of the user are escaped, and scripts are allowed by their digests only.
     """
     still = run.dataset.sizes["time"] == 1
-    plots = plots_of([] if still else _charts(run), *_span(run))
+    plots = plots_of([] if still else [chart for _, chart in charts_of(run)], *_span(run))
     texts, left_out = _animation(run, page_scene(run), plots.charts)
     attributes = run.dataset.attrs
     scenario = str(attributes.get("scenario", ""))
@@ -104,16 +97,6 @@ def page_of(run: Result) -> str:
     return parts.html_page(
         body, [parts.bokeh_script(), parts.run_script()], title=run.title, version=version
     )
-
-
-def _charts(run: Result) -> list[Chart]:
-    found = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
-    found += [estimate_chart(run)] if has_estimate(run) else []
-    found += [load_chart(run)] if has_loads(run) else []
-    found += [vehicle_chart(run)] if has_vehicle_motion(run) else []
-    found += [contact_chart(run)] if has_contact(run) else []
-    found += [vortex_chart(run)] if has_vortices(run) else []
-    return [*found, energy_chart(run), effort_chart(run)]
 
 
 def _facts(run: Result) -> str:

@@ -60,11 +60,6 @@ def spectrum_panel(run: Result) -> Panel:
     return _panel(run, panel, miss, length_unit, word, "the tip does not move")
 
 
-def has_loads(run: Result) -> bool:
-    """Whether the loads on the base have spectra."""
-    return any(not panel.nothing for panel in load_chart(run).panels)
-
-
 def load_chart(run: Result) -> Chart:
     """Return the spectral densities of force and moment on the base."""
     base, panels = base_word(run.known_scenario), []

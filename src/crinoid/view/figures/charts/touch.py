@@ -48,14 +48,15 @@ class _Body(NamedTuple):
     closest: float
 
 
-def has_contact(run: Result) -> bool:
-    """Whether the result contains contacts."""
-    far = ({f"{part}_force", f"{part}_gap"} <= set(run.dataset) for part in FAR_CONTACTS)
-    return all(name in run.dataset for name in _VARIABLES) or any(far)
+def contact_chart(run: Result) -> Chart | None:
+    """Return times of contact, forces and distances of obstacles, the arm itself and a hull.
 
-
-def contact_chart(run: Result) -> Chart:
-    """Return times of contact, forces and distances of obstacles, the arm itself and a hull."""
+    None where the result has no contacts.
+    """
+    data = set(run.dataset)
+    far = ({f"{part}_force", f"{part}_gap"} <= data for part in FAR_CONTACTS)
+    if not (set(_VARIABLES) <= data or any(far)):
+        return None
     bodies = [body for label, each in run.members for body in _bodies(label, each)]
     bodies.sort(key=lambda body: body.order)
     return Chart("contact", "Contact", (_when(bodies), _force(bodies), _gap(bodies)))

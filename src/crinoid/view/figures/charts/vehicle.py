@@ -9,13 +9,13 @@ from crinoid.view.figures.charts.drive import ABOUT
 _NEAR = 0.5  # share of a limit from which it is drawn
 
 
-def has_vehicle_motion(run: Result) -> bool:
-    """Whether a floating submarine carries the arm."""
-    return "vehicle_pose" in run.dataset
+def vehicle_chart(run: Result) -> Chart | None:
+    """Return shifts and turns of a submarine, and the forces and moments of its thrusters.
 
-
-def vehicle_chart(run: Result) -> Chart:
-    """Return shifts and turns of a submarine, and the forces and moments of its thrusters."""
+    None where no submarine floats.
+    """
+    if "vehicle_pose" not in run.dataset:
+        return None
     vehicle = run.known_scenario.vehicle
     channels = [str(channel) for channel in run.dataset["channel"].values]
     shifts = [channel for channel in channels if channel not in ANGLES]

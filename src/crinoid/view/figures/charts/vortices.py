@@ -15,13 +15,14 @@ _SMOOTHED = 1.0
 """Time over which a frequency is averaged (s)."""
 
 
-def has_vortices(run: Result) -> bool:
-    """Whether the water of the run sheds vortices."""
-    return all({"vortex_force", "vortex_phase"} <= set(each.dataset) for _, each in run.members)
+def vortex_chart(run: Result) -> Chart | None:
+    """Return the frequency of shedding along the arm, and the force near the tip.
 
-
-def vortex_chart(run: Result) -> Chart:
-    """Return the frequency of shedding along the arm, and the force near the tip."""
+    None where the water sheds no vortices.
+    """
+    needed = {"vortex_force", "vortex_phase"}
+    if not all(needed <= set(each.dataset) for _, each in run.members):
+        return None
     return Chart("vortices", "Shed vortices", (_frequency(run), _force(run)))
 
 
