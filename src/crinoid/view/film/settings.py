@@ -25,7 +25,7 @@ RAMPS = {
 TRAVELS, NEAR = 1.5, 0.35
 """Travel of a base from which on it is followed, and distance from the arm within which obstacles
 are shown, of the arm's length."""
-SHARED = {"PRESETS": PRESETS, "SPEEDS": SPEEDS, "RAMPS": RAMPS, "TRAVELS": TRAVELS, "NEAR": NEAR}
+SHARED = {"PRESETS": PRESETS, "SPEEDS": SPEEDS, "RAMPS": RAMPS, "TRAVELS": TRAVELS, "ROOM": NEAR}
 """What pages have in common with films."""
 FOLLOWED = ("none", "tip", "base")
 OTHER = ("ghost", "beside", "none")

@@ -80,7 +80,7 @@ class Scene {
         hold(member.now.anchor, 0.05 * this.length, drift);
       }
     }
-    const near = NEAR * this.length, a = low.map((p) => p - near), b = high.map((p) => p + near);
+    const near = ROOM * this.length, a = low.map((p) => p - near), b = high.map((p) => p + near);
     for (const member of this.members) for (const body of member.bodies) {
       const path = Array.from({ length: body.path.rows }, (_, i) => [...body.path.values.slice(3 * i, 3 * i + 3)]);
       for (const at of path) {
