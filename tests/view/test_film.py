@@ -17,11 +17,11 @@ from crinoid.results.own_files import is_own
 from crinoid.results.result import Result
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.scene import build_scene
+from crinoid.view.figures.painter import instant
 from crinoid.view.figures.style import STYLE
 from crinoid.view.film.camera import film_settings
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
-from crinoid.view.film.surfaces import instant_of
 from helpers.command import call, refused, succeeded
 from helpers.made_results import of_runs
 from helpers.planar_result import swaying_arm
@@ -68,8 +68,7 @@ def pictures(data, other=None, size=(320, 240), **options) -> tuple[Picture, np.
 def place(picture: Picture, point) -> tuple[int, int]:
     """Return the row and the column of a point of space."""
     drawn = picture._panels[0]
-    seen = drawn.camera.view.paper(np.asarray(point) - drawn._drift)
-    x, y = picture._frame.axes[0].transData.transform(seen)
+    x, y = drawn.axes.transData.transform(drawn.view.paper(np.asarray(point)))
     return picture._frame.size[1] - 1 - int(y), int(x)
 
 
@@ -122,7 +121,7 @@ def test_between_saved_instants_the_arm_glides():
     between = 0.75 * position[1] + 0.25 * position[2]
     instants = {-1.0: position[0], 0.5: position[1], 0.625: between, 2.0: position[4]}
     for time, expected in (instants | {9.0: position[4]}).items():
-        np.testing.assert_allclose(instant_of(run, time).position, expected, atol=1e-12)
+        np.testing.assert_allclose(instant(run, time).position[0], expected, atol=1e-12)
 
 
 def test_solids_a_capsule_and_a_hull_are_drawn():

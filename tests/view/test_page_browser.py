@@ -58,7 +58,7 @@ def test_a_page_opens_without_a_complaint_and_asks_for_nothing(shown, spatial):
 
 
 def test_all_nodes_are_drawn_where_the_result_has_them(shown, spatial):
-    result = spatial[0].result
+    result = spatial[0].dataset
     assert shown.ask("() => crinoid.scene.arms.map((arm) => arm.nodes)") == [31, 31]
     for record in (0, 50, 120):
         shown.ask("(time) => crinoid.go(time)", float(result["time"][record]))
@@ -68,7 +68,7 @@ def test_all_nodes_are_drawn_where_the_result_has_them(shown, spatial):
 
 
 def test_numbers_under_the_cursor_are_those_of_the_result(shown, spatial):
-    result, other = spatial[0].result, spatial[0].uncontrolled
+    result, other = spatial[0].dataset, spatial[0].uncontrolled.dataset
     for record in (0, 37, 120):
         shown.ask("(time) => crinoid.go(time)", float(result["time"][record]))
         errors = [1e3 * float(data["tip_error"][record]) for data in (result, other)]

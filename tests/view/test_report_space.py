@@ -8,8 +8,8 @@ from matplotlib.collections import LineCollection
 
 from crinoid.results.errors import angle_between
 from crinoid.results.result import Result
-from crinoid.results.scene.clip import obstacle_facets
-from crinoid.results.scene.data import find_obstacles
+from crinoid.results.scene.bodies import obstacle_body
+from crinoid.results.scene.clip import within_box
 from crinoid.results.scene.mount import find_mount
 from crinoid.results.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE, perspective
 from crinoid.view.figures.charts.drive import drive_chart
@@ -125,14 +125,15 @@ def test_a_point_is_where_its_line_to_the_eye_meets_the_paper():
 
 @pytest.mark.parametrize(
     ("position", "radius", "area"),
-    # of the second a cap of height 0.1 m comes into the box from above
-    [([0.2, 0.1, -10], 0.1, 0.04), ([0.2, 0, -7.6], 2.0, 0.4), ([0, 3.5, -10], 2.0, 0.0)],
+    # half of the second is in the box
+    [([0.2, 0.1, -10], 0.1, 0.04), ([0.2, 0, -9.5], 0.3, 0.18), ([0, 3.5, -10], 2.0, 0.0)],
 )
 def test_the_part_of_a_sphere_within_the_box_is_seen(position, radius, area):
     table = f'obstacle = [{{kind="sphere", position={position}, radius={radius}}}]\n'
-    (body,) = find_obstacles(Result(among_obstacles(records=3, obstacles=table, drift=0.0)))
+    scene = Result(among_obstacles(records=3, obstacles=table, drift=0.0)).scene
+    body = obstacle_body(scene.members[0].obstacles[0], scene, scene.members[0])
     low, high = np.array([-1.0, -1.0, -10.3]), np.array([1.4, 1.0, -9.5])
-    facets = obstacle_facets(body, low, high)
+    facets = within_box(body.transform(body.shape.mesh(0.025).facets, 0), low, high)
     one, other = facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1]
     found = 0.5 * np.linalg.norm(np.cross(one, other), axis=1).sum()
     assert found == pytest.approx(np.pi * area, rel=0.02)
@@ -146,7 +147,7 @@ def test_a_tool_is_a_ball_of_its_volume_beyond_the_last_tip_that_held_it(until):
     data["tool_held"] = "time", np.where(data["time"] < (until or 9.0), 1.0, 0.0)
     before, tip = data["position"].values[-1 if until is None else 1, -2:]
     ahead = (tip - before) / np.linalg.norm(tip - before)
-    ball = tool_facets(data).reshape(-1, 3) - (tip + 0.03 * ahead)
+    ball = tool_facets(Result(data).scene.members[0]).reshape(-1, 3) - (tip + 0.03 * ahead)
     along, distance = ball @ ahead, np.linalg.norm(ball, axis=1)
     np.testing.assert_allclose(distance[along > 1e-9], (3 * 4.2e-6 / 4 / np.pi) ** (1 / 3))
     assert along.min() == pytest.approx(-0.03)  # its stem begins at the tip

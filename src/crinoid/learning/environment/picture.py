@@ -18,12 +18,13 @@ from crinoid.learning.environment.draws import EpisodeDraw
 from crinoid.results.chunks import join
 from crinoid.results.dataset import describe
 from crinoid.results.result import Result
+from crinoid.results.scene.data import Points
 from crinoid.results.scene.scene import Scene, build_scene
 from crinoid.simulation import LoopState
 from crinoid.simulation.chunk import one_instant, record
 from crinoid.simulation.conclusion import dataset_builder
 from crinoid.view.figures.style import STYLE
-from crinoid.view.film.camera import FilmSettings, Window, window_of
+from crinoid.view.film.camera import FilmSettings, cloud_of
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
 
@@ -51,7 +52,7 @@ class EpisodePainter:
             for time in np.linspace(0.0, duration, _TIMES)
         ]
         space = self._space(later)
-        self._window, self._water = _window(space), space.members[0].water
+        self._cloud, self._water = _cloud(space), space.members[0].water
 
     def at(self, now: LoopState, rate: float) -> UInt8[np.ndarray, "height width 3"]:
         """Draw an instant; ``rate`` is the rate of the pictures (1/s)."""
@@ -61,7 +62,7 @@ class EpisodePainter:
             # letters of a title that no installed font has become boxes
             warnings.filterwarnings("ignore", message="Glyph")
             title = str(self._about["title"])
-            picture = Picture(self._at_one_scale(now), shot, reel, title, "", self._window)
+            picture = Picture(self._at_one_scale(now), shot, reel, title, "", self._cloud)
             return np.ascontiguousarray(picture.at(time)[..., :3])
 
     def _at_one_scale(self, now: LoopState) -> Scene:
@@ -80,10 +81,8 @@ class EpisodePainter:
         return build_scene(Result(data), len(instants), _NODES)
 
 
-def _window(space: Scene) -> Window:
-    """Return a window around the arm at the start and its target."""
-    path = np.zeros((space.members[0].time.size, 3))
-    window = window_of(space, list(space.members), path)
+def _cloud(space: Scene) -> Points:
+    """Return points of a window around the arm at the start and its target."""
+    cloud = cloud_of(space, space.members, np.zeros((space.members[0].time.size, 3)))
     room = _ROOM * space.length * np.array([1.0, float(space.spatial), 1.0])
-    cloud = np.concatenate([window.cloud - room, window.cloud + room])
-    return Window(window.low - room, window.high + room, cloud)
+    return np.concatenate([cloud - room, cloud + room])

@@ -36,7 +36,6 @@ COLOURS = {
 }
 """Linear red, green and blue of the arm and of each kind of body in exports."""
 
-Numbers = Float[np.ndarray, " time *shape"]
 Kind = Literal["base", "target", "obstacle", "tool"]
 
 
@@ -64,17 +63,10 @@ class RigidBody:
         """Whether its position changes."""
         return moves(self.position)
 
-    def matrix(self, record: int, share: float = 0.0) -> Float[np.ndarray, "axis=3 axis=3"]:
-        """Return its attitude times its scale, at an instant or a share of the way to the next."""
-        if share and self.scale[record + 1].any() and self.scale[record].any():
-            here, there = (self.attitude[i] * self.scale[i] for i in (record, record + 1))
-            return np.asarray((1.0 - share) * here + share * there)
-        return np.asarray(self.attitude[record] * self.scale[record])
-
-    def transform(self, points: Points, record: int, share: float = 0.0) -> Points:
-        """Move points of its shape to where they are then (m)."""
-        position = between(self.position, record, share)
-        return np.asarray(position + points @ self.matrix(record, share).T)
+    def transform(self, points: Points, record: int) -> Points:
+        """Move points of its shape to where they are at a record (m)."""
+        moved = (points * self.scale[record]) @ self.attitude[record].T
+        return np.asarray(self.position[record] + moved)
 
     def paths(self, points: Points, instants: slice) -> Float[np.ndarray, "time point axis=3"]:
         """Return where points of its shape are at some instants (m)."""
@@ -205,13 +197,6 @@ def tool_bodies(
         middle = (tip + centre) / 2
         found.append(_body("stem", "tool", stem, middle, attitude, scale))
     return found
-
-
-def between(values: Numbers, record: int, share: float) -> Float[np.ndarray, "*shape"]:
-    """Values between an instant and the next."""
-    if share == 0.0:
-        return np.asarray(values[record])
-    return np.asarray((1.0 - share) * values[record] + share * values[record + 1])
 
 
 def _ball(radius: float) -> BodyShape:

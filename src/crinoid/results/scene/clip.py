@@ -1,18 +1,15 @@
 """Clipping to a box, and outlines on paper."""
 
-import math
 from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
 
 from crinoid.results.scene.data import Obstacle, Point
-from crinoid.results.scene.mesh import AROUND, Facets, look_rotation
+from crinoid.results.scene.mesh import Facets, look_rotation
 from crinoid.results.scene.projection import PaperPoints, View, left_of
 
 Corners = Float[np.ndarray, "_ axis=3"]
-
-_RINGS = 36  # most rings along an obstacle
 
 
 def box_corners(low: Point, high: Point) -> Float[np.ndarray, "corner=8 axis=3"]:
@@ -70,52 +67,6 @@ def _above(polygon: Corners, height: Float[np.ndarray, " corner"]) -> Corners:
     return np.array(found).reshape(-1, 3)
 
 
-def obstacle_facets(obstacle: Obstacle, low: Point, high: Point, record: int = -1) -> Facets:
-    """Return facets of an obstacle at a record (the end), no wall, as far as a box contains it."""
-    if obstacle.solid is not None:
-        corners = obstacle.path[record] + obstacle.solid.points
-        return within_box(corners[obstacle.solid.facets[:, [0, 1, 2, 2]]], low, high)
-    place, half, radius = obstacle.path[record], obstacle.half_axis[record], obstacle.radius
-    long = float(np.linalg.norm(half))
-    direction = half / long if long else np.array([0.0, 0.0, 1.0])
-    if obstacle.kind == "cylinder":
-        # to where all of it is outside the box
-        wide = radius * np.sqrt(np.maximum(1.0 - direction**2, 0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sides = np.stack([low - wide - place, high + wide - place]) / direction
-        sides[:, direction == 0.0] = [[-np.inf], [np.inf]]
-        begin, end = sides.min(axis=0).max(), sides.max(axis=0).min()
-        rim = np.linspace(0.0, radius, 6)
-        along = np.concatenate([np.full(6, begin), np.linspace(begin, end, 24), np.full(6, end)])
-        around = np.concatenate([rim, np.full(24, radius), rim[::-1]])
-    else:
-        turn = np.linspace(0.0, np.pi / 2, 48)
-        straight = np.linspace(-long, long, 24)[1:-1] if long else np.empty(0)
-        cap, rim = radius * np.cos(turn), radius * np.sin(turn)
-        along = np.concatenate([-long - cap, straight, long + cap[::-1]])
-        around = np.concatenate([rim, np.full(straight.size, radius), rim[::-1]])
-
-    # only near the box, so that facets are small on any obstacle
-    middle, reach = (low + high) / 2 - place, float(np.linalg.norm(high - low)) / 2
-    outward = middle - (middle @ direction) * direction
-    away = float(np.linalg.norm(outward))
-    near = np.flatnonzero(np.hypot(along - middle @ direction, around - away) <= reach)
-    if not near.size:
-        return np.empty((0, 4, 3))
-    first, last = max(near[0] - 1, 0), min(near[-1] + 1, along.size - 1)
-    rings = np.linspace(first, last, min(_RINGS, last - first + 1)).round().astype(int)
-    aside, wedge = look_rotation(direction, direction)[:, 1], math.pi
-    if away > reach:
-        aside, wedge = outward / away, math.asin(reach / away)
-    turn = np.linspace(-wedge, wedge, AROUND + 1)
-    circle = np.outer(np.cos(turn), aside) + np.outer(np.sin(turn), np.cross(direction, aside))
-    spine = place + along[rings, None] * direction
-    skin = spine[:, None] + around[rings, None, None] * circle
-    near_ring, far_ring = skin[:-1], skin[1:]
-    corners = [near_ring[:, :-1], near_ring[:, 1:], far_ring[:, 1:], far_ring[:, :-1]]
-    return within_box(np.stack(corners, axis=2).reshape(-1, 4, 3), low, high)
-
-
 def arm_outline(points: PaperPoints, diameter: Float[np.ndarray, " node"]) -> PaperPoints:
     """Corners of the band of the given diameter about a line of points, all in m."""
     aside = left_of(np.gradient(points, axis=0)) * diameter[:, None] / 2
@@ -167,15 +118,3 @@ def obstacle_outline(
 def shows_edge(obstacle: Obstacle, view: View) -> bool:
     """Whether a view is along a wall, so that its surface is a line on paper."""
     return bool(abs(view.depth(obstacle.normal)) < 1e-9)
-
-
-def clipped_outline(
-    obstacle: Obstacle, low: Point, high: Point, view: View, record: int = -1
-) -> PaperPoints:
-    """Corners of the part of an obstacle that a box contains at a record, in any view."""
-    if obstacle.kind == "plane":
-        foot = obstacle.nearest(record, (low + high) / 2)
-        surface, _ = cut_box(obstacle.normal, foot, low, high)
-    else:
-        surface = obstacle_facets(obstacle, low, high, record).reshape(-1, 3)
-    return convex_outline(view.paper(surface)) if len(surface) else np.empty((0, 2))

@@ -53,16 +53,20 @@ class View:
         return [f"{_AXES[axis]} (m)" for axis in self.axes]
 
     @property
+    def plane(self) -> Float[np.ndarray, "2 axis=3"]:
+        """Directions of both axes of the paper."""
+        return np.array([self.across, self.up])
+
+    @property
     def toward(self) -> Float[np.ndarray, "axis=3"]:
         """Direction from the centre to the eye."""
         return np.cross(self.across, self.up)
 
     def paper(self, points: Float[np.ndarray, "*shape axis=3"]) -> Float[np.ndarray, "*shape 2"]:
         """Points of space on paper, across before up; vectors too where the eye is at infinity."""
-        plane = np.array([self.across, self.up])
-        centre = np.asarray(plane @ self.centre)
+        centre = np.asarray(self.plane @ self.centre)
         nearer = 1.0 - (points - self.centre) @ self.toward / self.far
-        return np.asarray(centre + (points @ plane.T - centre) / nearer[..., None])
+        return np.asarray(centre + (points @ self.plane.T - centre) / nearer[..., None])
 
     def sight(
         self, points: Float[np.ndarray, "*shape axis=3"]
@@ -76,11 +80,14 @@ class View:
         normal: Float[np.ndarray, "facet axis=3"],
         dark: float,
     ) -> Float[np.ndarray, "facet 4"]:
-        """Colours of facets lit from the upper left, of the brightness ``dark`` in shadow."""
+        """Colours of facets lit from the upper left, of the brightness ``dark`` in shadow.
+
+        A facet without area, such as a line, has its own colour.
+        """
         light = self.toward + 0.8 * np.array(self.up) - 0.6 * np.array(self.across)
-        area = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)
-        toward = np.maximum(normal @ light / (area * np.linalg.norm(light)), 0.0)
-        bright = dark + (1.0 - dark) * toward
+        area = np.linalg.norm(normal, axis=1)
+        toward = normal @ light / (np.where(area, area, 1.0) * np.linalg.norm(light))
+        bright = np.where(area, dark + (1.0 - dark) * np.maximum(toward, 0.0), 1.0)
         return np.column_stack([colours[:, :3] * bright[:, None], colours[:, 3]])
 
     def depth(self, points: Float[np.ndarray, "*shape axis=3"]) -> Float[np.ndarray, "*shape"]:
@@ -94,7 +101,7 @@ class View:
 
     def lift(self, points: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape axis=3"]:
         """Points of the paper as points of space."""
-        return np.asarray(points @ np.array([self.across, self.up]))
+        return np.asarray(points @ self.plane)
 
     def project(self, dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape 2"]:
         """Values of a vector variable on paper, the axis last."""

@@ -1,5 +1,6 @@
 """Shape of the arm over time, its bending and tension, and the path of its tip close up."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,28 +8,30 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from crinoid.results.errors import counted
 from crinoid.results.result import Result
 from crinoid.results.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
+from crinoid.results.scene.mesh import AROUND, arm_facets
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
 from crinoid.results.units import largest, length_unit
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points
 from crinoid.view.figures.charts.spectra import miss, spectrum_panel
+from crinoid.view.figures.painter import Surface
 from crinoid.view.figures.paper import draw_panel
-from crinoid.view.figures.perspective import DARK, add_arm
+from crinoid.view.figures.perspective import draw_end
 from crinoid.view.figures.sheet import (
     LEFT,
     box_around,
     contents,
-    fit_scene,
     in_best_frame,
     measured_from,
 )
-from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
+from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current, tool_facets
 
 ROWS = {
     "curvature": "curvature\n(1/m)",
@@ -60,13 +63,12 @@ def draw_bending(run: Result) -> Figure:
         if spatial:
             wide = (style.WIDTH - LEFT - 0.4) / count
             arm = style.add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
-            inside = [in_space(member.dataset, "position")[-1] for _, member in run.members]
-            inside += [mount_points(member.dataset) for _, member in run.members]
-            scene = fit_scene(arm, *box_around(np.concatenate(inside)))
-            add_arm(scene, data)
-            if "diameter" not in data:
-                scene.add_line(in_space(data, "position")[-1], style.INK)
-            scene.draw()
+            inside = [one.position[-1] for one in run.scene.members]
+            inside += [mount_points(member.scene) for _, member in run.members]
+            inside += [tool_facets(one).reshape(-1, 3) for one in run.scene.members if one.held[-1]]
+            box = box_around(np.concatenate(inside))
+            alone = replace(run.scene.members[column], obstacles=())
+            draw_end(arm, run.scene, alone, box, arm=_halves(data))
             arm.set_title(f"{label}, at the end" if label else "arm at the end", loc="left")
         else:
             panels[0, column].set_title(label, loc="left")
@@ -81,13 +83,28 @@ def draw_bending(run: Result) -> Figure:
             axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
     figure.align_ylabels(panels[:, 0])
     if "director" in run.dataset:
-        sides = {"side of the director $m_1$": DARK, "other side": style.PALE}
+        sides = {"side of the director $m_1$": _DARK, "other side": style.PALE}
         look: Any = {"edgecolor": style.INK, "linewidth": 0.5}
         halves = [Patch(facecolor=ink, label=label, **look) for label, ink in sides.items()]
         below = (0.5, lines / tall)
         figure.legend(handles=halves, loc="lower center", bbox_to_anchor=below, ncols=2)
     style.time_bar(figure, run.dataset, ax=panels, label="time (s)", aspect=40, pad=0.015)
     return figure
+
+
+_DARK = "#6F8591"  # the half of the arm that is on the side of its director m_1
+
+
+def _halves(data: xr.Dataset) -> Surface | None:
+    """Return the arm at the end, half of it dark where its director is known."""
+    if "director" not in data or "diameter" not in data:
+        return None
+    position, director = in_space(data, "position")[-1], in_space(data, "director")[-1]
+    facets = arm_facets(position, data["diameter"].values.astype(float), director)
+    colours = np.tile(to_rgba(style.PALE), (len(facets), 1))
+    around = np.arange(len(facets)) % AROUND
+    colours[(around + AROUND // 4) % AROUND <= AROUND // 2] = to_rgba(_DARK)
+    return Surface(facets, colours)
 
 
 def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
@@ -99,10 +116,12 @@ def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
         return
     nodes = arc_length(data)
     arc = nodes if values.shape[1] == nodes.size else (nodes[1:] + nodes[:-1]) / 2
-    chosen = chosen_records(data)
+    chosen = chosen_records(data.sizes["time"])
     lines = [np.column_stack([arc, values[record]]) for record in chosen]
     widths = np.where(chosen == chosen[-1], 1.8, 0.9)
-    axes.add_collection(LineCollection(lines, linewidths=widths, **style.timed(data, chosen)))
+    axes.add_collection(
+        LineCollection(lines, linewidths=widths, **style.timed(data["time"].values, chosen))
+    )
     axes.autoscale_view()
     axes.set_xlim(0.0, float(nodes[-1]))
 
@@ -121,13 +140,12 @@ _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the
 def draw_shape(run: Result) -> Figure:
     """Draw the arm over time, and the arm without control at the same scale where it exists."""
     run, about = in_best_frame(run)
-    members = [(label, each.dataset) for label, each in run.members]
-    currents = [find_current(data, SIDE) for _, data in members]
+    currents = [find_current(each.dataset, SIDE) for _, each in run.members]
     scale = max(current.scale for current in currents)
-    low, high = _extent([data for _, data in members], currents, scale)
+    low, high = _extent([each for _, each in run.members], currents, scale)
     figure, panels = _panels(low, high, run, about)
-    for axes, (label, data), current in zip(panels, members, currents, strict=True):
-        draw_arm(axes, data, SIDE.lift(low), SIDE.lift(high), SIDE)
+    for axes, (label, each), current in zip(panels, run.members, currents, strict=True):
+        draw_arm(axes, each, SIDE.lift(low), SIDE.lift(high), SIDE)
         current.draw(axes, scale)
         axes.set_title(label, loc="left")
     if scale > 0.0:
@@ -182,7 +200,7 @@ def _panels(
 
 
 def _extent(
-    members: list[xr.Dataset], currents: list[CurrentArrows], scale: float
+    members: list[Result], currents: list[CurrentArrows], scale: float
 ) -> tuple[PaperPoint, PaperPoint]:
     """Corners (m) of a window that contains everything drawn in any panel."""
     points = [current.corners(scale) for current in currents]
@@ -242,7 +260,7 @@ def _path(
     axes.axvline(0.0, color=style.GREY, linewidth=0.7)
     pieces = np.stack([points[:-1], points[1:]], axis=1)
     later = np.arange(1, len(points))
-    line = LineCollection(list(pieces), linewidths=0.9, **style.timed(data, later))
+    line = LineCollection(list(pieces), linewidths=0.9, **style.timed(data["time"].values, later))
     axes.add_collection(line, autolim=False)
     axes.plot(
         *points[-1], "o", color=style.VERMILLION, markersize=4, zorder=5, label="tip at the end"

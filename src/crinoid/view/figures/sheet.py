@@ -10,13 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from crinoid.results.result import Result
-from crinoid.results.scene.clip import box_corners
 from crinoid.results.scene.data import Point, arm_length
-from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View, perspective
+from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View
 from crinoid.results.units import largest
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import Chosen, draw_arm, mount_points, points_of
-from crinoid.view.figures.perspective import PerspectivePlot, draw_scene
+from crinoid.view.figures.perspective import draw_over_time
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
 
 _FAR = 1.5  # travel of the base, of the arm's length, from which on the arm would look small
@@ -61,11 +60,11 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
     """Draw a run in a parallel view, with the arm's shape at chosen records, and a legend."""
     run, about = in_best_frame(Result(data))
     current = find_current(run.dataset, view)
-    low, high = window(contents([run.dataset]), {view: [current]}, current.scale)
+    low, high = window(contents([run]), {view: [current]}, current.scale)
     (left, bottom), (right, top) = view.paper(low), view.paper(high)
     labels = measured_from(view, about)
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    draw_arm(axes, run.dataset, low, high, view, chosen)
+    draw_arm(axes, run, low, high, view, chosen)
     current.draw(axes, current.scale)
     # the window has room at its top for the legend and below it for the key of the water, and the
     # shape of the axes that are given; axes that share its scale keep what they show
@@ -141,9 +140,9 @@ def draw_sheet(run: Result) -> Figure:
     members = [each.dataset for _, each in run.members]
     currents = {view: [find_current(data, view) for data in members] for view in VIEWS}
     scale = max(current.scale for some in currents.values() for current in some)
-    inside = contents(members)
+    inside = contents([each for _, each in run.members])
     low, high = window(inside, currents, scale)
-    bottom, top = box_around(inside)
+    box = box_around(inside)
 
     alone = len(members) == 1
     block = fit(high - low, style.WIDTH - LEFT - _RIGHT, *((6.6, 2.5) if alone else (4.5, 2.2)))
@@ -155,12 +154,11 @@ def draw_sheet(run: Result) -> Figure:
 
     flat: list[Axes] = []
     for index, (label, each) in enumerate(run.members):
-        data = each.dataset
         foot = below + (len(members) - 1 - index) * (block.height + between)
         panels, corner = block.place(figure, LEFT, foot)
         for view, axes in panels.items():
             frame(axes, view, low, high, block.inch, about)
-            draw_arm(axes, data, low, high, view)
+            draw_arm(axes, each, low, high, view)
             if scale > 0.0 or view is SIDE:  # which else says that the water is still
                 currents[view][index].draw(axes, scale)
         flat += panels.values()
@@ -168,7 +166,7 @@ def draw_sheet(run: Result) -> Figure:
             (wide, tall), top_of = figure.get_size_inches(), foot + block.height + 0.24
             place = LEFT / wide, top_of / tall
             figure.text(*place, label, va="bottom", fontsize=9.5, fontweight="bold")
-        draw_scene(fit_scene(corner, bottom, top), data)
+        draw_over_time(corner, run.scene, run.scene.members[index], box)
         style.narrow_time_bar(
             figure, run.dataset, style.WIDTH - _RIGHT + 0.15, foot, float(block.extent[2])
         )
@@ -211,11 +209,9 @@ def frame(axes: Axes, view: View, low: Point, high: Point, inch: float, about: s
     axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
 
 
-def contents(members: list[xr.Dataset]) -> np.ndarray:
+def contents(members: list[Result]) -> np.ndarray:
     """Points that a window must contain to show some runs, without their water."""
-    return np.concatenate(
-        [part for data in members for part in (points_of(data), mount_points(data))]
-    )
+    return np.concatenate([f(each.scene) for each in members for f in (points_of, mount_points)])
 
 
 def window(
@@ -237,16 +233,3 @@ def box_around(points: Float[np.ndarray, "point axis=3"]) -> tuple[Point, Point]
     low, high = low - margin, high + margin
     lacking = np.maximum(_LEAST * float((high - low).max()) - (high - low), 0.0)
     return low - lacking / 2, high + lacking / 2
-
-
-def fit_scene(axes: Axes, low: Point, high: Point) -> PerspectivePlot:
-    """Make a scene in perspective of a box, shown whole and as large as it goes."""
-    view = perspective(low, high)
-    corners = view.paper(box_corners(low, high))
-    left, right = corners.min(axis=0), corners.max(axis=0)
-    edge = 0.005 * (right - left)  # half a line
-    left, right = left - edge, right + edge
-    axes.set(aspect="equal", xlim=(left[0], right[0]), ylim=(left[1], right[1]))
-    axes.set_axis_off()
-    axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
-    return PerspectivePlot(axes, low, high, view)

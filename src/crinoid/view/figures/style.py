@@ -79,15 +79,14 @@ def time_map() -> Colormap:
     return ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.9, 256)), name="time")
 
 
-def time_norm(data: xr.Dataset) -> Normalize:
-    """From the time of a run to its position among the colours."""
-    time = data["time"].values
+def time_norm(time: Float[np.ndarray, " time"]) -> Normalize:
+    """From the times of a run to their positions among the colours."""
     return Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
 
 
-def timed(data: xr.Dataset, records: Int[np.ndarray, " chosen"]) -> dict[str, Any]:
+def timed(time: Float[np.ndarray, " time"], records: Int[np.ndarray, " chosen"]) -> dict[str, Any]:
     """Keywords of a collection with a colour of the time for each of some records."""
-    return {"array": data["time"].values[records], "cmap": time_map(), "norm": time_norm(data)}
+    return {"array": time[records], "cmap": time_map(), "norm": time_norm(time)}
 
 
 def add_axes(figure: Figure, left: float, foot: float, wide: float, high: float) -> Axes:
@@ -99,7 +98,7 @@ def add_axes(figure: Figure, left: float, foot: float, wide: float, high: float)
 def time_bar(figure: Figure | SubFigure, data: xr.Dataset, title: str = "", **place: Any) -> None:
     """Draw the colour bar of times at a place, if there is more than one time."""
     if data.sizes["time"] > 1:
-        bar = figure.colorbar(ScalarMappable(time_norm(data), time_map()), **place)
+        bar = figure.colorbar(ScalarMappable(time_norm(data["time"].values), time_map()), **place)
         bar.ax.set_title(title, fontsize=8.5)
         bar.ax.grid(visible=False)
 

@@ -1,6 +1,7 @@
 """Obstacles, the tool and the arrows of the water in a parallel view."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
-from crinoid.results.result import Result
 from crinoid.results.scene.bodies import tool_bodies
 from crinoid.results.scene.clip import convex_outline, obstacle_outline, shows_edge
 from crinoid.results.scene.data import (
@@ -21,14 +21,11 @@ from crinoid.results.scene.data import (
     Point,
     arm_length,
     even_indices,
-    find_obstacles,
-    find_tool,
     in_space,
-    tool_held,
 )
 from crinoid.results.scene.mesh import Facets
 from crinoid.results.scene.projection import PaperPoints, View
-from crinoid.results.scene.scene import CALM, REACH, arrow_nodes, arrow_starts
+from crinoid.results.scene.scene import CALM, REACH, Keyframes, arrow_nodes, arrow_starts
 from crinoid.results.units import largest, round_down
 from crinoid.view.figures import style
 
@@ -36,24 +33,22 @@ _NEAR = 0.35  # how far beyond the arm's shapes a window shows obstacles, of the
 _BEHIND = 0.04  # depth shown behind a wall, of the arm's length
 
 
-def tool_facets(data: xr.Dataset) -> Facets:
+def tool_facets(run: Keyframes) -> Facets:
     """Facets of the tool at the last record that has it."""
-    records = np.flatnonzero(tool_held(data))
-    tool = find_tool(Result(data))
-    if tool is None:
+    if run.tool is None:
         return np.empty((0, 4, 3))
-    tip = in_space(data, "position")[records[[-1]], -2:]
-    parts = tool_bodies(tool, tip, np.ones(1, bool))
-    fine = tool.radius / 16
+    last = np.flatnonzero(run.held)[[-1]]
+    parts = tool_bodies(run.tool, run.position[last, -2:], np.ones(1, bool))
+    fine = run.tool.radius / 16
     return np.concatenate([part.transform(part.shape.mesh(fine).facets, 0) for part in parts])
 
 
-def draw_tool(axes: Axes, data: xr.Dataset, view: View) -> None:
+def draw_tool(axes: Axes, run: Keyframes, view: View) -> None:
     """Draw the tool at the end, or where it was released."""
-    facets = tool_facets(data)
+    facets = tool_facets(run)
     if not len(facets):
         return
-    at_the_end = bool(tool_held(data)[-1])
+    at_the_end = bool(run.held[-1])
     shape = Polygon(convex_outline(view.paper(facets).reshape(-1, 2)), closed=True)
     face = style.PURPLE if at_the_end else "none"
     shape.set(facecolor=face, edgecolor=style.INK, linewidth=0.6, zorder=2.5)
@@ -66,11 +61,11 @@ WALL = "#F1EEEA"
 
 
 def draw_obstacles(
-    axes: Axes, data: xr.Dataset, chosen: Indices, low: Point, high: Point, view: View
+    axes: Axes, run: Keyframes, chosen: Indices, low: Point, high: Point, view: View
 ) -> None:
     """Draw obstacles at the end, and those that move also at chosen records."""
-    obstacles, arm = find_obstacles(Result(data)), in_space(data, "position")[-1]
-    colours = style.time_map()(style.time_norm(data)(data["time"].values[chosen]))
+    obstacles, arm = run.obstacles, run.position[-1]
+    colours = style.time_map()(style.time_norm(run.time)(run.time[chosen]))
     round_too = any(obstacle.kind != "plane" for obstacle in obstacles)
     label = "obstacle at the end" if any(obstacle.moves for obstacle in obstacles) else "obstacle"
     window = view.paper(np.stack([low, high]))
@@ -156,7 +151,7 @@ def _is_behind(obstacle: Obstacle, arm: Float[np.ndarray, "node axis=3"], view: 
 
 
 def obstacle_points(
-    obstacles: list[Obstacle], shapes: Float[np.ndarray, "point axis=3"], length: float
+    obstacles: Sequence[Obstacle], shapes: Float[np.ndarray, "point axis=3"], length: float
 ) -> Float[np.ndarray, "corner axis=3"]:
     """Points that a window must contain to show the obstacles, as far as they are near the arm."""
     low, high = shapes.min(axis=0) - _NEAR * length, shapes.max(axis=0) + _NEAR * length

@@ -1,37 +1,29 @@
 """Camera and settings of a film: its view, its region, and the times of its frames."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from crinoid.results.report_error import ReportError
-from crinoid.results.scene.data import Point, even_indices
+from crinoid.results.scene.data import Point, Points, even_indices
 from crinoid.results.scene.mount import Path
 from crinoid.results.scene.projection import View
 from crinoid.results.scene.scene import Keyframes, Scene
-from crinoid.view.film.settings import FORMATS, CameraSettings, require_within
+from crinoid.view.film.settings import (
+    FORMATS,
+    NEAR,
+    SPEEDS,
+    TRAVELS,
+    CameraSettings,
+    require_within,
+)
 
-_TRAVELS = 1.5  # a base that moves farther is followed, of the arm's length
-_NEAR = 0.35  # distance from the arm within which obstacles are shown, of its length
 _MARGIN = 1.12
 _FAR = 2.2  # the eye's distance, of the diagonal of the window
 _INSTANTS = 100
-
-
-@dataclass(frozen=True)
-class Window:
-    """The region that a camera shows, as a box and as points, relative to its motion."""
-
-    low: Point
-    high: Point
-    cloud: Float[np.ndarray, "point axis=3"]
-
-    @property
-    def size(self) -> float:
-        """Longest side (m)."""
-        return float((self.high - self.low).max())
 
 
 @dataclass(frozen=True)
@@ -42,20 +34,28 @@ class Camera:
     middle: Float[np.ndarray, " axis=2"]
     half: float  # half of the picture's height (m)
     flat: bool
+    low: Point  # of the box around everything (m)
+    high: Point
+
+    @property
+    def size(self) -> float:
+        """Longest side of the box (m)."""
+        return float((self.high - self.low).max())
 
 
 def camera_of(
-    window: Window, azimuth: float, elevation: float, *, flat: bool, aspect: float, zoom: float
+    cloud: Points, azimuth: float, elevation: float, *, flat: bool, aspect: float, zoom: float
 ) -> Camera:
-    """Return the camera that shows a window, or with a zoom the middle of it."""
-    x, y, z = map(float, (window.low + window.high) / 2)
-    far = math.inf if flat else _FAR * float(np.linalg.norm(window.high - window.low))
+    """Return the camera that shows a cloud of points, or with a zoom the middle of it."""
+    bottom, top = cloud.min(axis=0), cloud.max(axis=0)
+    x, y, z = map(float, (bottom + top) / 2)
+    far = math.inf if flat else _FAR * float(np.linalg.norm(top - bottom))
     view = View.at("of the film", azimuth, elevation, (x, y, z), far)
-    paper = view.paper(window.cloud)
+    paper = view.paper(cloud)
     low, high = paper.min(axis=0), paper.max(axis=0)
     wide, tall = (high - low) / 2
     half = _MARGIN * max(float(tall), float(wide) / aspect, 1e-6) / zoom
-    return Camera(view, (low + high) / 2, half, flat)
+    return Camera(view, (low + high) / 2, half, flat, bottom, top)
 
 
 def followed_path(scene: Scene, wish: str | None) -> Path:
@@ -64,46 +64,39 @@ def followed_path(scene: Scene, wish: str | None) -> Path:
     root, still = position[:, 0], np.zeros((len(position), 3))
     if wish is None:
         distance = np.linalg.norm(root - root[0], axis=1).max()
-        return root if distance > _TRAVELS * scene.length else still
+        return root if distance > TRAVELS * scene.length else still
     return {"base": root, "tip": position[:, -1], "none": still}[wish]
 
 
-def window_of(scene: Scene, members: list[Keyframes], path: Path) -> Window:
-    """Return the window of some runs, while the camera follows a path of the first one."""
-    length = scene.length
-    clouds = []
-    for member in members:
-        some = even_indices(member.time.size, _INSTANTS)
-        drift = np.zeros((some.size, 3))
-        if np.ptp(path, axis=0).any():
-            places = [np.interp(member.time[some], members[0].time, path[:, d]) for d in range(3)]
-            drift = np.stack(places, axis=1) - path[0]
-        thick = member.diameter[:, None] / 2
-        arm = member.position[some] - drift[:, None]
-        clouds += [(arm - thick).reshape(-1, 3), (arm + thick).reshape(-1, 3)]
-        clouds.append(member.target[some] - drift)
-        anchor, wide = member.mount.anchor[some] - drift, 0.05 * length
-        clouds += [anchor - wide, anchor + wide]
+def cloud_of(scene: Scene, members: Sequence[Keyframes], path: Path) -> Points:
+    """Return points that a picture of runs contains, while the camera follows a path.
+
+    The path is one of the first run; points are relative to the motion of the camera.
+    """
+    length, clouds = scene.length, []
+    for run in members:
+        some = even_indices(run.time.size, _INSTANTS)
+        places = [np.interp(run.time[some], members[0].time, path[:, axis]) for axis in range(3)]
+        drift = np.stack(places, axis=1) - path[0]
+        arm, anchor = run.position[some] - drift[:, None], run.mount.anchor[some] - drift
+        thick, wide = run.diameter[:, None] / 2, 0.05 * length
+        around = [arm - thick, arm + thick, anchor - wide, anchor + wide, run.target[some] - drift]
+        clouds += [each.reshape(-1, 3) for each in around]
     shapes = np.concatenate(clouds)
-    low, high = shapes.min(axis=0) - _NEAR * length, shapes.max(axis=0) + _NEAR * length
-    for body in (body for member in members for body in member.obstacles):
-        if body.solid is not None:
-            clouds.append(body.corners_within(low, high))
-            continue
+    low, high = shapes.min(axis=0) - NEAR * length, shapes.max(axis=0) + NEAR * length
+    for body in (body for run in members for body in run.obstacles):
         points = np.concatenate([body.path - body.radius, body.path + body.radius])
-        if body.kind == "plane":
+        if body.solid is not None:
+            points = body.corners_within(low, high)
+        elif body.kind == "plane":
             points = body.nearest(np.s_[:, None], (low + high)[None, None] / 2)[:, 0]
         clouds.append(np.clip(points, low, high))
-    water = members[0].water
-    if water is not None:
-        start = water.start - (path.mean(axis=0) - path[0])
-        ends = 0.06 * length
+    if members[0].water is not None:
+        start, ends = members[0].water.start - (path.mean(axis=0) - path[0]), 0.06 * length
         clouds += [start - ends, start + ends]
-    cloud = np.concatenate(clouds)
-    return Window(cloud.min(axis=0), cloud.max(axis=0), cloud)
+    return np.concatenate(clouds)
 
 
-SPEEDS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
 _MOST = 20_000  # frames of an MP4: ten minutes and more
 _MOST_PIXELS = 2e8  # most pixels of all frames of a GIF, which stay in memory until it is written
 

@@ -1,40 +1,43 @@
-"""Panel of a film: lit surfaces sorted by distance, and lines."""
+"""Panel of a film: runs of a scene in axes, at one time after another."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import RendererBase
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
 
-from crinoid.results.scene.bodies import between
-from crinoid.results.scene.clip import cut_box, obstacle_outline, shows_edge
-from crinoid.results.scene.data import Point
-from crinoid.results.scene.scene import Scene
+from crinoid.results.scene.data import Point, moves
+from crinoid.results.scene.scene import Keyframes, Scene
 from crinoid.results.units import round_down
+from crinoid.view.figures.painter import (
+    STEEL,
+    BodySurfaces,
+    Shading,
+    arm_surface,
+    instant,
+    locate,
+    paint,
+    wall_outlines,
+)
 from crinoid.view.figures.style import BLUE, INK, VERMILLION
-from crinoid.view.film import surfaces as film
-from crinoid.view.film.camera import Camera, Window
+from crinoid.view.film.camera import Camera
 
 PAPER, SOFT, FAINT = "#F0F5F7", "#5D686D", "#A4ADB1"
 TONES = (BLUE, VERMILLION)  # with control, and without
 WATER = "#12A0A6"
 
+_STONE = "#C2B8A8"
+_COLOURS = {"hull": "#C7D1D6", "steel": STEEL, "obstacle": _STONE, "tool": "#B87399"}
 _GHOST = 0.45  # share of the run's colour in that of a ghost
 _TRAIL, _WAY = 250, 400  # pieces of the paths of tip and target
-_RIM = 0.4  # points around facets, which close gaps between them
 _TURN = np.linspace(0.0, 2 * np.pi, 33)
 
-
-@dataclass(frozen=True)
-class Strokes:
-    """Short lines and their colours."""
-
-    lines: Float[np.ndarray, "piece 2 axis=3"]
-    colours: Float[np.ndarray, "piece 4"]
+Strokes = tuple[list[Float[np.ndarray, "point 2"]], Float[np.ndarray, "line 4"]]
+"""Lines on paper and their colours."""
 
 
 class FilmPanel:
@@ -46,182 +49,132 @@ class FilmPanel:
         scene: Scene,
         shown: Sequence[int],
         camera: Camera,
-        window: Window,
-        shading: film.Shading | None,
+        shading: Shading | None,
         unit: float,
     ) -> None:
-        self.scene, self.camera, self.window, self.shading = scene, camera, window, shading
+        self.axes, self.scene, self.camera, self.shading = axes, scene, camera, shading
+        self.view, self._limits = (
+            camera.view,
+            (np.array(axes.get_xlim()), np.array(axes.get_ylim())),
+        )
         (self.run, self.tone), *self.ghosts = [(scene.members[i], TONES[i]) for i in shown]
-        self._bodies = film.BodySurfaces(scene, self.run, window.size)
-        self._drift: Point = np.zeros(3)
-        self._ruled: Point | None = None  # the drift of the present grid
+        self._bodies = BodySurfaces(scene, _COLOURS, camera.size)
 
-        def lines(width: float) -> LineCollection:
-            made = LineCollection([], linewidths=width * unit, capstyle="butt", animated=True)
+        def lines(width: float, order: float, colour: Any = None) -> LineCollection:
+            look: Any = {"capstyle": "butt", "zorder": order, "colors": colour}
+            made = LineCollection([], linewidths=width * unit, **look)
             axes.add_collection(made, autolim=False)
             return made
 
-        def surfaces(rim: float = _RIM) -> PolyCollection:
-            made = PolyCollection([], linewidths=rim, joinstyle="round", animated=True)
+        def surfaces(order: float) -> PolyCollection:
+            made = PolyCollection([], linewidths=0.4, joinstyle="round", zorder=order)
             axes.add_collection(made, autolim=False)
             return made
 
-        self.walls, self.grid, self.shadow = surfaces(), lines(0.06), lines(0.4)
-        self.ghost_trails, self.ghost_arms = lines(0.09), surfaces()
-        self.rails, self.solids, self.glass = lines(0.07), surfaces(), surfaces()
-        self.trail, self.aim = lines(0.12), lines(0.13)
-        self.shafts, self.heads = lines(0.14), surfaces(0.0)
+        self.walls, self.shadow = surfaces(1.0), lines(0.4, 1.2, "#B9C6CC")
+        self.grid = [lines(0.06, 1.1, to_rgba(FAINT, 0.38)) for _ in range(2)]
+        self.behind, self.solids, self.glass = lines(0.08, 1.3), surfaces(2.0), surfaces(2.1)
+        self.trail, self.aim = lines(0.12, 4.0), lines(0.13, 4.1)
+        self.water: Any = None
+        if (water := scene.members[0].water) is not None:
+            look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "minlength": 0.0}
+            look |= {"units": "dots", "width": 0.19 * unit, "headwidth": 4.0, "headlength": 6.0}
+            nothing = np.zeros((4, len(water.start)))
+            self.water = axes.quiver(*nothing, color=WATER, **look)
 
-    def draw(self, renderer: RendererBase, time: float, drift: Point, along: Point) -> None:
-        """Draw a time (s); the camera has moved by a drift, arrows of the water by another (m)."""
-        now = film.instant_of(self.run, time)
-        self._drift = drift
-        self._put_grid()
-        self._put_walls(now)
-        if self.scene.spatial:
-            flat = now.position.copy()
-            flat[:, 2] = self._level()
-            lines = np.stack([flat[:-1], flat[1:]], axis=1)
-            self._put_lines(self.shadow, [_stroked(lines, "#B9C6CC", 1.0)])
+    def show(self, time: float, drift: Point, along: Point) -> None:
+        """Show a time (s); the camera has moved by a drift, arrows of the water by another (m)."""
+        scene, camera = self.scene, self.camera
+        across, ahead, up = map(float, camera.view.centre + drift)
+        self.view = view = replace(camera.view, centre=(across, ahead, up))
+        x, y = (limits + way @ drift for limits, way in zip(self._limits, view.plane, strict=True))
+        self.axes.set(xlim=x, ylim=y)
+        low, high = camera.low + drift, camera.high + drift
+        now = instant(self.run, time)
+        others = [(instant(ghost, time), ghost, colour) for ghost, colour in self.ghosts]
+        # ghosts are farther by the arm's thickness, so that arms in the same place do not mix; in
+        # one plane they are always behind
+        lift = -float(self.run.diameter[0]) if scene.spatial else -1e9
+        arms = [arm_surface(each, pale(colour), lift=lift) for each, _, colour in others]
+        arm = arm_surface(now, self.tone, self.shading)
+        paint(self.solids, [*self._bodies.at(now), arm, *arms], view)
+        behind, before = wall_outlines(now.obstacles, low, high, view)
+        for surface, outlines, alpha in ((self.walls, behind, 0.55), (self.glass, before, 0.25)):
+            surface.set_verts(outlines)
+            surface.set(facecolors=to_rgba(_STONE, alpha), edgecolors=_STONE)
+        self._put_floor(now, low, high)
         # the travel of each servo that shifts the root
-        rails = [r for r in self.run.mount.rails if r[2] - r[1] < 3 * self.scene.length]
-        ends = [now.anchor + np.multiply.outer(r[1:], now.attitude[:, r[0]]) for r in rails]
-        rails_drawn = _stroked(np.reshape(ends, (-1, 2, 3)), SOFT, 0.4)
-        self._put_lines(self.rails, [rails_drawn])
-        thick = float(self.run.diameter[0])
-        parts = [*self._bodies.at(now), film.arm_surface(now, self.tone, self.shading)]
-        others = [(film.instant_of(ghost, time), colour) for ghost, colour in self.ghosts]
-        # farther by the arm's thickness, so that arms in the same place do not mix
-        arms = [film.arm_surface(other, pale(colour), lift=-thick) for other, colour in others]
-        if self.scene.spatial:
-            parts += arms
-        else:  # in one plane: always behind
-            film.set_surfaces(self.ghost_arms, arms, self.camera.view, drift)
-        film.set_surfaces(self.solids, parts, self.camera.view, drift)
-        self._put_lines(self.ghost_trails, [_trail(other, ink, 0.5) for other, ink in others])
-        self._put_lines(self.trail, [_trail(now, self.tone, 1.0)])
-        self._put_aim(now)
-        water = [self.shafts, self.heads]
-        nearer = self._put_water(now, along)
-        for artist in (
-            *(self.walls, self.grid, self.shadow, self.ghost_trails, self.ghost_arms),
-            *([] if nearer else water),
-            *(self.rails, self.solids, self.glass),
-            *(water if nearer else []),
-            *(self.trail, self.aim),
-        ):
-            artist.draw(renderer)
+        anchor, attitude = now.mount.anchor[0], now.mount.attitude[0]
+        rails = [r for r in self.run.mount.rails if r[2] - r[1] < 3 * scene.length]
+        ends = [anchor + np.outer(r[1:], attitude[:, r[0]]) for r in rails]
+        strokes = [([view.paper(each) for each in ends], _inks(SOFT, 0.4, len(ends)))]
+        _put(self.behind, strokes + [self._trail(*other, 0.5) for other in others])
+        _put(self.trail, [self._trail(now, self.run, self.tone, 1.0)])
+        _put(self.aim, self._aim(now))
+        if self.water is not None:
+            self._put_water(now, along)
 
-    def _put_lines(self, collection: LineCollection, parts: Sequence[Strokes]) -> None:
-        pieces = np.concatenate([np.empty((0, 2, 3)), *(part.lines for part in parts)])
-        collection.set_segments(list(self.camera.view.paper(pieces - self._drift)))
-        collection.set(colors=np.concatenate([np.empty((0, 4)), *(part.colours for part in parts)]))
-
-    def _put_grid(self) -> None:
-        """Draw a grid: a floor in space, a wall behind a planar arm."""
-        if self._ruled is not None and np.array_equal(self._ruled, self._drift):
-            return
-        self._ruled = self._drift
-        spatial, window, size = self.scene.spatial, self.window, self.window.size
+    def _put_floor(self, now: Keyframes, low: Point, high: Point) -> None:
+        """Draw a grid: a floor in space with the arm's shadow, a wall behind a planar arm."""
+        spatial, size = self.scene.spatial, self.camera.size
         a, b, c = (0, 1, 2) if spatial else (0, 2, 1)
         room, step = (1.5 if self.camera.flat else 0.3) * size, round_down(size / 6)
-        low, high = window.low + self._drift, window.high + self._drift
-        level = self._level()
+        level = low[2] - 0.02 * size if spatial else high[1] + 0.1 * size
         begin = np.floor((low - room) / step) * step
         end = np.ceil((high + room) / step) * step
-        pieces = []
-        for one, other in ((a, b), (b, a)):
-            for at in np.arange(begin[one], end[one] + step / 2, step):
-                piece = np.zeros((2, 3))
-                piece[:, one], piece[:, other] = at, (begin[other], end[other])
-                piece[:, c] = level
-                pieces.append(piece)
-        self._put_lines(self.grid, [_stroked(np.array(pieces), FAINT, 0.38)])
+        for one, other, grid in ((a, b, self.grid[0]), (b, a, self.grid[1])):
+            places = np.arange(begin[one], end[one] + step / 2, step)
+            pieces = np.full((len(places), 2, 3), level)
+            pieces[..., one], pieces[..., other] = places[:, None], (begin[other], end[other])
+            grid.set_segments(list(self.view.paper(pieces)))
+        if spatial:
+            flat = now.position[0].copy()
+            flat[:, c] = level
+            self.shadow.set_segments([self.view.paper(flat)])
 
-    def _level(self) -> float:
-        """Height of the floor, or distance of the grid behind a planar arm (m)."""
-        low, high = self.window.low + self._drift, self.window.high + self._drift
-        size = self.window.size
-        return float(low[2] - 0.02 * size if self.scene.spatial else high[1] + 0.1 * size)
+    def _trail(self, now: Keyframes, run: Keyframes, tone: str, strong: float) -> Strokes:
+        """Return the path of the tip, paler for earlier times."""
+        (record, _), times = locate(run, now.time[0]), run.time
+        count = min(record + 1, _TRAIL)
+        some = np.linspace(max(0, record - 4 * _TRAIL), record, count).round().astype(int)
+        points = self.view.paper(np.concatenate([run.position[some, -1], now.position[:, -1]]))
+        span = (times[-1] - times[0]) / 6 or 1.0
+        inks = _inks(tone, strong, count)
+        inks[:, 3] *= np.clip(0.9 * (1 - (now.time[0] - times[some]) / span), 0.12, 0.9)
+        return list(np.stack([points[:-1], points[1:]], axis=1)), inks
 
-    def _put_walls(self, now: film.RunInstant) -> None:
-        """Draw walls behind all bodies, or transparent in front where the eye is inside."""
-        view = self.camera.view
-        low, high = self.window.low, self.window.high
-        behind: list[np.ndarray] = []
-        before: list[np.ndarray] = []
-        for body, place in zip(self.run.obstacles, now.obstacles, strict=True):
-            if body.kind != "plane":
-                continue
-            here = replace(body, path=(place - self._drift)[None], half_axis=body.half_axis[:1])
-            if shows_edge(here, view):
-                behind.append(obstacle_outline(here, 0, low, high, view))
-                continue
-            cut, _ = cut_box(body.normal, here.nearest(0, (low + high) / 2), low, high)
-            if len(cut):
-                seen = float(view.sight(cut[0]) @ body.normal) > 0.0
-                (behind if seen else before).append(view.paper(cut))
-        for collection, outlines, alpha in ((self.walls, behind, 0.55), (self.glass, before, 0.25)):
-            collection.set_verts(outlines)
-            collection.set(facecolors=to_rgba(film.STONE, alpha), edgecolors=film.STONE)
-
-    def _put_aim(self, now: film.RunInstant) -> None:
-        """Draw the target as a ring with its dashed path."""
-        run, view = self.run, self.camera.view
+    def _aim(self, now: Keyframes) -> list[Strokes]:
+        """Return the target as a ring, with its dashed path."""
+        run, view = self.run, self.view
         radius = max(0.024 * self.scene.length, 0.6 * float(run.diameter[-1]))
-        place = view.paper(now.target - self._drift)
-        round_ = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
-        ticks = [np.outer([0.75, 1.35], round_[8 * i]) for i in range(4)]
-        segments = [place + radius * each for each in (round_, *ticks)]
-        inks = [to_rgba(INK, 0.95)] * len(segments)
-        step = max(1, len(run.target) // _WAY)
-        if np.ptp(run.target, axis=0).max() > 1e-6:
-            way = view.paper(run.target[::step] - self._drift)
+        ring = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+        marks = [ring, *(np.outer([0.75, 1.35], ring[8 * i]) for i in range(4))]
+        place, dashes = view.paper(now.target[0]), []
+        if moves(run.target):
+            way = view.paper(run.target[:: max(1, len(run.target) // _WAY)])
             dashes = [way[i : i + 2] for i in range(0, len(way) - 1, 2)]
-            segments += dashes
-            inks += [to_rgba(INK, 0.4)] * len(dashes)
-        self.aim.set_segments(segments)
-        self.aim.set_color(inks)
+        drawn = [place + radius * each for each in marks]
+        return [(drawn, _inks(INK, 0.95, len(drawn))), (dashes, _inks(INK, 0.4, len(dashes)))]
 
-    def _put_water(self, now: film.RunInstant, along: Point) -> bool:
-        """Draw the current as arrows next to the arm; return whether they are nearer than it."""
-        water, view, length = self.scene.members[0].water, self.camera.view, self.scene.length
-        if water is None:
-            return False
-        velocity = between(water.velocity, *film.locate(self.scene.members[0], now.time))
-        start = water.start + along - self._drift
-        ends = view.paper(np.stack([start, start + velocity / water.scale]))
-        way = ends[1] - ends[0]
-        long = np.linalg.norm(way, axis=1)
-        there = long > 1e-3 * length
-        begin, way, long = ends[0][there], way[there], long[there, None]
-        head = np.minimum(0.04 * length, 0.5 * long)
-        ahead = way / long
-        aside = 0.36 * head * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
-        neck = begin + way - head * ahead
-        self.shafts.set_segments(list(np.stack([begin, neck], axis=1)))
-        self.heads.set_verts(list(np.stack([begin + way, neck + aside, neck - aside], axis=1)))
-        self.shafts.set_color(to_rgba(WATER, 0.85))
-        self.heads.set(facecolors=WATER, edgecolors="none")
-        arm = now.position - self._drift
-        return bool(view.depth(start).mean() > view.depth(arm).mean() + 1e-9)
+    def _put_water(self, now: Keyframes, along: Point) -> None:
+        """Draw the current as arrows next to the arm, in front of it where they are nearer."""
+        water, view = instant(self.scene.members[0], now.time[0]).water, self.view
+        assert water is not None
+        start = water.start + along
+        ends = view.paper(np.stack([start, start + water.velocity[0] / water.scale]))
+        self.water.set_offsets(ends[0])
+        self.water.set_UVC(*(ends[1] - ends[0]).T)
+        nearer = view.depth(start).mean() > view.depth(now.position[0]).mean() + 1e-9
+        self.water.set_zorder(3.0 if nearer else 1.25)
 
 
-def _trail(now: film.RunInstant, tone: str, strong: float) -> Strokes:
-    """Return the path of the tip, paler for earlier times."""
-    times, tips = now.run.time, now.run.position[:, -1]
-    count = min(now.record + 1, _TRAIL)
-    some = np.linspace(max(0, now.record - 4 * _TRAIL), now.record, count).round().astype(int)
-    points = np.concatenate([tips[some], now.position[-1:]])
-    lines = np.stack([points[:-1], points[1:]], axis=1)
-    span = (times[-1] - times[0]) / 6 or 1.0
-    made = _stroked(lines, tone, 1.0)
-    made.colours[:, 3] = strong * np.clip(0.9 * (1 - (now.time - times[some]) / span), 0.12, 0.9)
-    return made
+def _put(collection: LineCollection, strokes: list[Strokes]) -> None:
+    collection.set_segments([line for lines, _ in strokes for line in lines])
+    collection.set(color=np.concatenate([inks for _, inks in strokes]))
 
 
-def _stroked(lines: Float[np.ndarray, "piece 2 axis=3"], colour: str, alpha: float) -> Strokes:
-    return Strokes(lines, np.tile(np.array(to_rgba(colour, alpha)), (len(lines), 1)))
+def _inks(colour: str, alpha: float, count: int) -> Float[np.ndarray, "line 4"]:
+    return np.tile(to_rgba(colour, alpha), (count, 1))
 
 
 def pale(tone: str) -> str:

@@ -1,11 +1,10 @@
-"""Pictures of a film: the background is drawn once, moving parts for each picture."""
+"""Pictures of a film: panels of runs, and texts, scales and colours over them."""
 
 import textwrap
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
@@ -13,23 +12,16 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from crinoid.results.report_error import ReportError
-from crinoid.results.scene.bodies import between
+from crinoid.results.scene.data import Points
 from crinoid.results.scene.scene import Scene, colour_ranges
 from crinoid.results.units import round_down
 from crinoid.scenario.errors import got, one_of, shown
+from crinoid.view.figures.painter import Shading
 from crinoid.view.figures.style import INK, VERMILLION
-from crinoid.view.film.camera import (
-    Camera,
-    FilmSettings,
-    Window,
-    camera_of,
-    followed_path,
-    window_of,
-)
+from crinoid.view.film.camera import Camera, FilmSettings, camera_of, cloud_of, followed_path
 from crinoid.view.film.encode import Image
 from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, WATER, FilmPanel, pale
-from crinoid.view.film.settings import PRESETS, CameraSettings
-from crinoid.view.film.surfaces import Shading, locate
+from crinoid.view.film.settings import PRESETS, RAMPS, CameraSettings
 
 _DPI = 100.0
 _POINT = 72.0 / _DPI  # points of a pixel
@@ -48,8 +40,7 @@ class PictureFrame:
         self.canvas = FigureCanvasAgg(self.figure)
         self.unit = max(7.0, 0.027 * min(high, 0.75 * wide) + 2.0)  # height of type (pixels)
         u = self.unit
-        self._over: list[Artist] = []
-        self._clock = self._text(wide - u, 0.7 * u, "", size=1.15, ha="right")
+        self.clock = self._text(wide - u, 0.7 * u, "", size=1.15, ha="right")
         head = self._wrapped(title, wide - 9.5 * u)
         lines = [*head, *self._wrapped(status, wide - 2 * u)]
         for i, line in enumerate(lines):
@@ -72,13 +63,6 @@ class PictureFrame:
     def aspect(self) -> float:
         """Width over height of a panel."""
         return self.panel / self.tall
-
-    def draw_over(self, clock: str) -> None:
-        """Draw all texts over the panels, and the time."""
-        self._clock.set_text(clock)
-        renderer = self.canvas.get_renderer()
-        for artist in self._over:
-            artist.draw(renderer)
 
     def set_camera(self, camera: Camera, water: float) -> None:
         """Set the limits of the panels to those of a camera, text and all, and draw scales.
@@ -148,8 +132,6 @@ class PictureFrame:
         axes = self.figure.add_axes(rect)
         axes.imshow(np.linspace(0.0, 1.0, 256)[None], aspect="auto", cmap=ramp)
         axes.set_axis_off()
-        self._over.append(axes)
-        axes.set_animated(True)
         self._text(right + 0.4 * u, y, names[1], va="center", color=SOFT)
         self._text(right - bar - 0.4 * u, y, names[0], va="center", ha="right", color=SOFT)
         self._text(wide - u, y - 0.55 * u, label, va="bottom", ha="right", color=SOFT)
@@ -160,21 +142,18 @@ class PictureFrame:
         style: dict[str, Any] = {"va": "top", "color": INK, "parse_math": False} | look
         points = size * self.unit * _POINT
         place = x / wide, 1.0 - y / high
-        text = self.figure.text(*place, words, fontsize=points, animated=True, **style)
-        self._over.append(text)
-        return text
+        return self.figure.text(*place, words, fontsize=points, **style)
 
     def _line(self, x: list[float], y: list[float], *, linewidth: float = 0.1, **look: Any) -> None:
         wide, high = self.size
         across, up = [each / wide for each in x], [1.0 - each / high for each in y]
         look |= {"linewidth": self.points(linewidth), "solid_capstyle": "round"}
-        self._over.append(self.figure.add_artist(Line2D(across, up, animated=True, **look)))
+        self.figure.add_artist(Line2D(across, up, **look))
 
     def _width(self, words: str, **look: Any) -> float:
         text = self._text(0.0, 0.0, words, **look)
         width = float(text.get_window_extent(self.canvas.get_renderer()).width)
         text.remove()
-        self._over.remove(text)
         return width
 
     def _wrapped(self, words: str, width: float) -> list[str]:
@@ -186,17 +165,11 @@ class PictureFrame:
         return textwrap.wrap(line, columns, max_lines=2, placeholder=" ...") if line else []
 
 
-RAMPS = {
-    False: ("#3b2a6b", "#3a5a92", "#2b8593", "#35ac80", "#8fcf4e", "#f4dd3b"),
-    True: ("#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"),
-}
-"""Colours along the arm, as on the page, by whether values have both signs."""
-
-
 class Picture:
     """The pictures of a film, all of one size.
 
-    The status of the run is empty unless it failed; the window is that of the whole run by default.
+    The status of the run is empty unless it failed; the pictures contain a cloud of points, by
+    default of the whole run.
     """
 
     def __init__(
@@ -206,7 +179,7 @@ class Picture:
         frames: FilmSettings,
         title: str,
         status: str,
-        window: Window | None = None,
+        cloud: Points | None = None,
     ) -> None:
         first = scene.members[0]
         wish, parts = settings.uncontrolled, [list(range(len(scene.members)))]
@@ -219,19 +192,18 @@ class Picture:
         frame = PictureFrame(frames.size, title, status, len(parts))
         self._path, self._run = followed_path(scene, settings.follow), first
         drawn = [scene.members[i] for part in parts for i in part]
-        window = window or window_of(scene, drawn, self._path)
+        cloud = cloud_of(scene, drawn, self._path) if cloud is None else cloud
         name = settings.view or ("angle" if scene.spatial else "side")
         wishes = settings.azimuth, settings.elevation
         angles = [b if a is None else a for a, b in zip(wishes, PRESETS[name], strict=True)]
         flat = name != "angle" and wishes == (None, None)
-        camera = camera_of(window, *angles, flat=flat, aspect=frame.aspect, zoom=settings.zoom)
-        point = frame.points(1.0)
-        self._panels = [
-            FilmPanel(axes, scene, part, camera, window, shading, point)
-            for axes, part in zip(frame.axes, parts, strict=True)
-        ]
+        camera = camera_of(cloud, *angles, flat=flat, aspect=frame.aspect, zoom=settings.zoom)
         frame.add_speed(frames.speed)
         frame.set_camera(camera, first.water.scale if first.water else 0.0)
+        self._panels = [
+            FilmPanel(axes, scene, part, camera, shading, frame.points(1.0))
+            for axes, part in zip(frame.axes, parts, strict=True)
+        ]
         labels = [each.label for each in drawn]
         if len(parts) > 1:
             frame.name_panels(labels)
@@ -245,20 +217,17 @@ class Picture:
             frame.add_colours(label, shading.low, shading.high, shading.ramp)
         self._frame = frame
         self._digits = 3 if frames.times[-1] - frames.times[0] < 5.0 else 2
-        frame.canvas.draw()
-        self._background = frame.canvas.copy_from_bbox(frame.figure.bbox)
 
     def at(self, time: float) -> Image:
         """Draw a time (s)."""
-        frame = self._frame
-        frame.canvas.restore_region(self._background)
-        renderer = frame.canvas.get_renderer()
-        place = between(self._path, *locate(self._run, time))
+        times = self._run.time
+        place = np.array([np.interp(time, times, each) for each in self._path.T])
         drift, along = place - self._path[0], place - self._path.mean(axis=0)
         for panel in self._panels:
-            panel.draw(renderer, time, drift, along)
-        frame.draw_over(f"{time:.{self._digits}f} s")
-        return np.array(frame.canvas.buffer_rgba())
+            panel.show(time, drift, along)
+        self._frame.clock.set_text(f"{time:.{self._digits}f} s")
+        self._frame.canvas.draw()
+        return np.array(self._frame.canvas.buffer_rgba())
 
 
 def _shading(scene: Scene, wish: str | None, *, plain: bool) -> Shading | None:
@@ -271,5 +240,5 @@ def _shading(scene: Scene, wish: str | None, *, plain: bool) -> Shading | None:
         raise ReportError(f"--colour: {got(wish, must)}")
     name = wish or fields[0]
     low, high = colour_ranges(scene)[name]
-    ramp = LinearSegmentedColormap.from_list(name, RAMPS[low < 0.0])
+    ramp = LinearSegmentedColormap.from_list(name, RAMPS["two" if low < 0.0 else "one"])
     return Shading(name, low, high, ramp)

@@ -14,7 +14,19 @@ PRESETS = {
     "ahead": (0.0, 0.0),
     "angle": (-58.0, 27.0),
 }
-"""Azimuth and elevation (deg) of the presets, which are those of the page."""
+"""Azimuth and elevation (deg) of the presets of the camera."""
+SPEEDS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
+"""Simulated seconds in a second."""
+RAMPS = {
+    "one": ("#3b2a6b", "#3a5a92", "#2b8593", "#35ac80", "#8fcf4e", "#f4dd3b"),
+    "two": ("#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"),
+}
+"""Colours along the arm of values with one sign, and with two."""
+TRAVELS, NEAR = 1.5, 0.35
+"""Travel of a base from which on it is followed, and distance from the arm within which obstacles
+are shown, of the arm's length."""
+SHARED = {"PRESETS": PRESETS, "SPEEDS": SPEEDS, "RAMPS": RAMPS, "TRAVELS": TRAVELS, "ROOM": NEAR}
+"""What pages have in common with films."""
 FOLLOWED = ("none", "tip", "base")
 OTHER = ("ghost", "beside", "none")
 """Ways to draw the run without control."""

@@ -1,7 +1,5 @@
 // Camera: its direction, centre and scale.
 
-const PRESETS = { side: [-90, 0], above: [-90, 90], ahead: [0, 0], angle: [-58, 27] };
-
 class Camera {
   // `cloud` is a list of points that must be visible.
   constructor(low, high, cloud) {

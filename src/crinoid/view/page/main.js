@@ -9,10 +9,9 @@ class Page {
     this.playing = false;
     this.byId = (id) => document.getElementById(id);
     this.charts = new Charts(said, this.byId("charts"), (time) => { this.go(time); }, () => {});
-    const speeds = [0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 1000];
     const wanted = (this.end - this.begin) / 40;
-    this.speed = wanted < 0.1 ? speeds.find((s) => s >= (this.end - this.begin) / 10) || 1 : speeds.find((s) => s >= Math.max(1, wanted)) || 1000;
-    for (const speed of speeds) {
+    this.speed = wanted < 0.1 ? SPEEDS.find((s) => s >= (this.end - this.begin) / 10) || 1 : SPEEDS.find((s) => s >= Math.max(1, wanted)) || 1000;
+    for (const speed of SPEEDS) {
       const option = make("option", "", this.byId("speed"), `${speed} ×`);
       option.value = speed;
       option.selected = speed === this.speed;

@@ -18,6 +18,7 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.results.own_files import is_own
 from crinoid.results.report_error import ReportError
 from crinoid.results.table import RunSummary
+from crinoid.view.film.settings import SHARED
 
 PAGE = "report.html"
 
@@ -122,8 +123,9 @@ def json_of(value: Any) -> str:
 
 
 def join_scripts(*names: str) -> str:
-    """Return a script that joins files of some names."""
-    parts = "\n".join(read_part(f"{name}.js") for name in names)
+    """Return a script that joins files of some names, after what pages share with films."""
+    parts = "".join(f"const {name} = {json_of(value)};\n" for name, value in SHARED.items())
+    parts += "\n".join(read_part(f"{name}.js") for name in names)
     return f'"use strict";\n(() => {{\n{parts}\n}})();'
 
 

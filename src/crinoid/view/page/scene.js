@@ -59,7 +59,7 @@ class Scene {
   window() {
     const { root } = this.members[0], at = (i) => [...root.values.slice(3 * i, 3 * i + 3)];
     this.begun = at(0);
-    this.far = Array.from({ length: root.rows }, (_, i) => V.size(V.sub(at(i), this.begun))).some((gone) => gone > 1.5 * this.length);
+    this.far = Array.from({ length: root.rows }, (_, i) => V.size(V.sub(at(i), this.begun))).some((gone) => gone > TRAVELS * this.length);
     this.mean = V.by(Array.from({ length: root.rows }, (_, i) => at(i)).reduce(V.add), 1 / root.rows);
     this.follow = this.far ? "root" : "";
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
@@ -80,7 +80,7 @@ class Scene {
         hold(member.now.anchor, 0.05 * this.length, drift);
       }
     }
-    const near = 0.35 * this.length, a = low.map((p) => p - near), b = high.map((p) => p + near);
+    const near = ROOM * this.length, a = low.map((p) => p - near), b = high.map((p) => p + near);
     for (const member of this.members) for (const body of member.bodies) {
       const path = Array.from({ length: body.path.rows }, (_, i) => [...body.path.values.slice(3 * i, 3 * i + 3)]);
       for (const at of path) {

@@ -1,9 +1,5 @@
 // Tools of all pages: colours, numbers as text, elements.
 
-const RAMPS = {
-  one: ["#3b2a6b", "#3a5a92", "#2b8593", "#35ac80", "#8fcf4e", "#f4dd3b"],
-  two: ["#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"],
-};
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
 
 function digits(value) {
