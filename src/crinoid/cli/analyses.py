@@ -1,6 +1,6 @@
 """Analyses of a scenario without a run in time: its current, vibrations and stability margins."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
 
@@ -9,7 +9,8 @@ import xarray as xr
 from rich.table import Table
 
 from crinoid.analysis.current import FLOW, Statistics, sample_current, statistics
-from crinoid.analysis.equilibria import CURVE, Curve, curve_table, find_equilibria
+from crinoid.analysis.curve import Curve
+from crinoid.analysis.equilibria import CURVE, curve_table, find_equilibria
 from crinoid.analysis.margins import MARGINS, find_margins
 from crinoid.analysis.vibrations import MODES, find_vibrations
 from crinoid.cli.command import console
@@ -160,14 +161,11 @@ def _rest(data: xr.Dataset) -> str:
     return f"{text} in water of {parts(current, 3)} m/s" if current.any() else text
 
 
-def show_equilibria(
-    scenario: Scenario, variations: Sequence[str], folder: Path, *, force: bool
-) -> str:
+def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bool) -> str:
     """Follow the equilibrium over a number, save, draw and print it; return what went wrong."""
     with finding(scenario, folder / CURVE, "a curve", force=force, check=False, doubts=False) as to:
         if not force:
             check_own(folder / _TABLE)
-        curve = Curve.of(scenario, variations)
         ends = (plausibility_warnings(curve.cases[end], AT_REST) for end in (0, -1))
         say_notes(dict.fromkeys(chain(*ends)))
         with Interruption() as interruption:

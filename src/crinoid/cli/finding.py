@@ -9,6 +9,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.cli.cases import checked_case
 from crinoid.cli.display import say_doubts
 from crinoid.cli.folder import check_own, claimed
 from crinoid.foundation.atomic_file import atomic_write
@@ -18,7 +19,7 @@ from crinoid.results.own_files import is_own
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
-from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
+from crinoid.scenario import Scenario, refusal
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
@@ -112,15 +113,7 @@ def checked_runs(
     """Check runs of a plan, and yield each with its name; a mistake at ``key`` names its case."""
     measures_of(plan.scenario)  # refuses those that are in no package
     for run in runs:
-        try:
-            prepared = Prepared(plan.case(run))
-            prepared.check()
-        except ScenarioError as error:
-            values = plan.values(run).items()
-            case = ", ".join(f"{name} = {shown(value)}" for name, value in values)
-            mistakes = [Mistake(key, f"case {case}: {mistake}") for mistake in error.mistakes]
-            raise ScenarioError(mistakes) from error
-        yield plan.name(run), prepared
+        yield plan.name(run), checked_case(plan, run, key)
 
 
 def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:
