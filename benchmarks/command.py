@@ -19,7 +19,7 @@ from benchmarks.figure import draw_benchmark
 from benchmarks.measurement import Row, Scope
 from benchmarks.registry import BENCHMARKS, title
 from crinoid.cli.command import console, folder_for
-from crinoid.cli.declaration import Command, argument, option, out
+from crinoid.cli.declaration import Command, Option, out
 from crinoid.cli.display import new_table, say_notes, say_written
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted
@@ -41,13 +41,13 @@ Command(
     "bench",
     "benchmarks.command:bench",
     "Measure times of steps, runs and commands, and the errors that they buy.",
-    argument(
+    Option(
         "NAME", list[str], "Benchmarks; --list names them.", "all", name="names", required=False
     ),
-    option("--peers", False, "Run other programs that are installed, too."),
-    option("--list", False, "List the benchmarks, and run none.", name="listed"),
+    Option("--peers", False, "Run other programs that are installed, too."),
+    Option("--list", False, "List the benchmarks, and run none.", name="listed"),
     out("results/bench"),
-    option("--force", False, "Replace earlier benchmarks."),
+    Option("--force", False, "Replace earlier benchmarks."),
 ).add_to(app)
 
 

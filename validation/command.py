@@ -8,7 +8,7 @@ from rich import box
 from rich.table import Table
 
 from crinoid.cli.command import MISSED, console, folder_for
-from crinoid.cli.declaration import Command, argument, option, out
+from crinoid.cli.declaration import Command, Option, out
 from crinoid.cli.display import listed, new_table, progress_bar, say_notes, show
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
@@ -26,7 +26,7 @@ Command(
     "validate",
     "validation.command:validate",
     "Run cases with a known answer, and compare; exit code 1 where one does not hold.",
-    argument(
+    Option(
         "[CASE ...]",
         list[str],
         "Names of cases, as --list shows them.",
@@ -34,11 +34,11 @@ Command(
         name="cases",
         required=False,
     ),
-    option("--list", False, "List the cases, and run none.", name="show_list"),
-    option("--all", False, "Run the long cases too.", name="every"),
-    option("--peers", False, "Run the cases that need other programs too."),
+    Option("--list", False, "List the cases, and run none.", name="show_list"),
+    Option("--all", False, "Run the long cases too.", name="every"),
+    Option("--peers", False, "Run the cases that need other programs too."),
     out("results/validation"),
-    option("--force", False, "Replace an earlier validation."),
+    Option("--force", False, "Replace an earlier validation."),
     interrupted="interrupted",
 ).add_to(app)
 

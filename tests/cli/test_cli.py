@@ -119,8 +119,8 @@ OTHERS = {
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda each: each.name)
 def test_the_body_of_a_command_has_its_values_as_parameters(command):
-    given = {row.parameter.name for row in command.rows}
-    if read_as := next((row.read_as for row in command.rows), ""):
+    given = {each.parameter.name for each in command.options}
+    for read_as in {each.read_as for each in command.options} - {""}:
         given = given - {"scenario", "settings", "out"} | {read_as, "folder"}
     expected = inspect.signature(command.load()).parameters
     named = {name for name, each in expected.items() if each.kind is not each.VAR_KEYWORD}
