@@ -37,7 +37,7 @@ def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:
         data = sample_current(found.prepared)
         recordings = found.prepared.recordings.items()
         lines = [f"flow.{index}: {_described(recording)}" for index, recording in recordings]
-        found.show(data, _current_table(data), lines)
+        found.show(data, _current_table, lines)
 
 
 def _current_table(data: xr.Dataset) -> Table:
@@ -101,7 +101,7 @@ def show_modes(scenario: Scenario, folder: Path, *, count: int, in_air: bool, fo
         lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
         if "lock_in_speed" in data:
             lines += [f"vortices lock in {_lock_in(data)}"]
-        return found.show(data, _modes_table(data), lines)
+        return found.show(data, _modes_table, lines)
 
 
 def _modes_table(data: xr.Dataset) -> Table:
@@ -173,7 +173,7 @@ def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bo
                 bar.update(bar.task_ids[0], completed=done, total=total, description="equilibria")
 
             data = find_equilibria(curve, stop=interruption.stop, report=report)
-        return found.show(data, _curve_table(data), files={_TABLE: curve_table(data)})
+        return found.show(data, _curve_table, files={_TABLE: curve_table(data)})
 
 
 _TABLE = "curve.csv"
@@ -210,7 +210,7 @@ def show_margins(scenario: Scenario, folder: Path, *, force: bool) -> None:
     with finding(scenario, folder / MARGINS, "a margin", force=force) as found:
         with console.status("linearising the loop"):
             data = find_margins(found.prepared)
-        found.show(data, _margins_table(data))
+        found.show(data, _margins_table)
 
 
 def _margins_table(data: xr.Dataset) -> Table:

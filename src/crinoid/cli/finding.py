@@ -59,13 +59,13 @@ class Finding(NamedTuple):
     def show(
         self,
         data: xr.Dataset,
-        table: Table,
+        table: Callable[[xr.Dataset], Table],
         lines: Iterable[str] = (),
         files: Mapping[str, Content] | None = None,
     ) -> str:
         """Save and draw a dataset, and print its table, lines and notes; return what went wrong."""
         written = self.save(data, files)
-        show(table, data.attrs["notes"].splitlines(), written, lines)
+        show(table(data), data.attrs["notes"].splitlines(), written, lines)
         status = str(data.attrs.get("status", Status.OK))
         return "" if status == Status.OK else status
 
