@@ -94,8 +94,8 @@ def _show(
         start = _start(dataset[find(dataset, flow.time, "time", name)])
         lines = _extent(record, start, middle)
         lines += _tide(record, middle, start, _latitude(dataset, flow))
-        table = _numbers(record, places, axes)
-        found.show(data, lambda _: table, lines, {HISTOGRAM: _HEAD + text})
+        numbers = _numbers(record, places, axes)
+        found.show(data, lambda _: numbers, lines, {HISTOGRAM: _HEAD + text})
 
 
 def _toml(value: Any) -> str:
