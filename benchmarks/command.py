@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import matplotlib as mpl
 import typer
@@ -18,7 +18,8 @@ from benchmarks.engines import Engine, find_peers
 from benchmarks.figure import draw_benchmark
 from benchmarks.measurement import Row, Scope
 from benchmarks.registry import BENCHMARKS, title
-from crinoid.cli.command import console, end, folder_for, one_line_errors, option, out_option
+from crinoid.cli.command import console, folder_for
+from crinoid.cli.declaration import Command, Option, out
 from crinoid.cli.display import new_table, say_notes, say_written
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted
@@ -36,26 +37,29 @@ BENCH = "bench.json"
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 
-@app.command()
-@one_line_errors()
+Command(
+    "bench",
+    "benchmarks.command:bench",
+    "Measure times of steps, runs and commands, and the errors that they buy.",
+    Option(
+        "NAME", list[str], "Benchmarks; --list names them.", "all", name="names", required=False
+    ),
+    Option("--peers", False, "Run other programs that are installed, too."),
+    Option("--list", False, "List the benchmarks, and run none.", name="listed"),
+    out("results/bench"),
+    Option("--force", False, "Replace earlier benchmarks."),
+).add_to(app)
+
+
 def bench(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="NAME", help="Benchmarks; --list names them.", show_default="all"),
-    ] = None,
-    peers: Annotated[
-        bool, option("Run other programs that are installed, too.", name="--peers")
-    ] = False,
-    listed: Annotated[bool, option("List the benchmarks, and run none.", name="--list")] = False,
-    out: Annotated[Path | None, out_option("results/bench")] = None,
-    force: Annotated[bool, option("Replace earlier benchmarks.", name="--force")] = False,
-) -> None:
-    """Measure times of steps, runs and commands, and the errors that they buy."""
+    names: list[str] | None, out: Path | None, *, peers: bool, listed: bool, force: bool
+) -> str:
+    """Run benchmarks, or list all."""
     folder = folder_for(out, "bench")
     if listed:
         list_benchmarks()
-    else:
-        end(run_benchmarks(chosen(names or ()), folder, peers=peers, force=force))
+        return ""
+    return run_benchmarks(chosen(names or ()), folder, peers=peers, force=force)
 
 
 def chosen(names: Sequence[str]) -> list[str]:

@@ -2,21 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich import box
 from rich.table import Table
 
-from crinoid.cli.command import (
-    MISSED,
-    console,
-    end,
-    folder_for,
-    one_line_errors,
-    option,
-    out_option,
-)
+from crinoid.cli.command import MISSED, console, folder_for
+from crinoid.cli.declaration import Command, Option, out
 from crinoid.cli.display import listed, new_table, progress_bar, say_notes, show
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
@@ -30,30 +22,43 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 _HEADS = ("case, quantity", "reference", "crinoid", "error", "tolerance", "holds")
 
 
-@app.command()
-@one_line_errors("interrupted")
+Command(
+    "validate",
+    "validation.command:validate",
+    "Run cases with a known answer, and compare; exit code 1 where one does not hold.",
+    Option(
+        "[CASE ...]",
+        list[str],
+        "Names of cases, as --list shows them.",
+        False,
+        name="cases",
+        required=False,
+    ),
+    Option("--list", False, "List the cases, and run none.", name="show_list"),
+    Option("--all", False, "Run the long cases too.", name="every"),
+    Option("--peers", False, "Run the cases that need other programs too."),
+    out("results/validation"),
+    Option("--force", False, "Replace an earlier validation."),
+    interrupted="interrupted",
+).add_to(app)
+
+
 def validate(
-    cases: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[CASE ...]", show_default=False, help="Names of cases, as --list shows them."
-        ),
-    ] = None,
-    show_list: Annotated[bool, option("List the cases, and run none.", name="--list")] = False,
-    every: Annotated[bool, option("Run the long cases too.", name="--all")] = False,
-    peers: Annotated[
-        bool, option("Run the cases that need other programs too.", name="--peers")
-    ] = False,
-    out: Annotated[Path | None, out_option("results/validation")] = None,
-    force: Annotated[bool, option("Replace an earlier validation.", name="--force")] = False,
-) -> None:
-    """Run cases with a known answer, and compare; exit code 1 where one does not hold."""
+    cases: list[str] | None,
+    out: Path | None,
+    *,
+    show_list: bool,
+    every: bool,
+    peers: bool,
+    force: bool,
+) -> tuple[str, int]:
+    """Run the chosen cases, or list all."""
     folder, known = folder_for(out, "validation"), all_cases()
     if show_list:
         list_cases(known)
-        return
+        return "", 0
     wanted = chosen(known, cases or (), every=every, peers=peers)
-    end(validate_cases(wanted, folder, force=force), MISSED)
+    return validate_cases(wanted, folder, force=force), MISSED
 
 
 def chosen(cases: Sequence[Case], names: Sequence[str], *, every: bool, peers: bool) -> list[Case]:

@@ -11,7 +11,8 @@ import xarray as xr
 from scipy.special import ellipk
 
 import crinoid
-from crinoid.analysis.equilibria import CURVE, Curve, curve_table, find_equilibria
+from crinoid.analysis.curve import Curve
+from crinoid.analysis.equilibria import CURVE, curve_table, find_equilibria
 from crinoid.scenario import ScenarioError
 from helpers.command import call, succeeded
 

@@ -1,3 +1,4 @@
+import inspect
 import os
 import re
 import subprocess
@@ -7,8 +8,14 @@ from pathlib import Path
 import pytest
 
 from crinoid.cli.command import folder_for
+from crinoid.cli.commands import COMMANDS
 from crinoid.cli.display import words_of
+from crinoid.cli.export import export_result
+from crinoid.cli.optimise import optimise_numbers
+from crinoid.learning.settings import TrainingSettings
 from crinoid.results.result import Result
+from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.view.film.settings import CameraSettings
 from helpers.command import SMALL, call, one_line, refused, succeeded
 
 
@@ -65,8 +72,11 @@ QUICK = {
     "identify small.toml nowhere.csv --of arm.length": "RECORD: nowhere.csv: no such file",
     "identify small.toml small.toml --of arm.lenght": "arm.lenght: unknown key",
     "estimate small.toml nowhere.csv": "RECORD: nowhere.csv: no such file",
+    "equilibrium small.toml --vary arm.length=1,1": '--vary: got "arm.length=1,1"; must have 2 ',
+    "equilibrium small.toml --vary arm.lenght=1,2": "arm.lenght: unknown key",
     "optimise small.toml --over arm.length --for rms_error": '--over: got "arm.length"; must be ',
     "sweep small.toml --vary seed=1,2 --sample xyz": '--sample: got "xyz"; must be "grid", ',
+    "sweep small.toml --vary arm.lenght=1,2": "--vary: case arm.lenght = 1: arm.lenght: unknown ",
     "sweep small.toml --vary seed=1,2 --workers 0": "--workers: got 0; must be at least 1",
     "train small.toml --teacher xyz": '--teacher: got "xyz"; must be "lqg", ',
 }
@@ -95,6 +105,28 @@ def test_mistakes_are_answered_before_jax_is_loaded(here):
     said = ended.stdout.splitlines()
     for (command, answer), line in zip(QUICK.items(), said, strict=True):
         assert line.startswith(f"2 False crinoid: {answer}"), command
+
+
+OTHERS = {
+    "optimise": optimise_numbers,
+    "export": export_result,
+    "film": CameraSettings,
+    "sweep": SweepDesign.of,
+    "train": TrainingSettings,
+}
+"""What receives the values that the body of a command passes on without naming them."""
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda each: each.name)
+def test_the_body_of_a_command_has_its_values_as_parameters(command):
+    given = {each.parameter.name for each in command.options}
+    for read_as in {each.read_as for each in command.options} - {""}:
+        given = given - {"scenario", "settings", "out"} | {read_as, "folder"}
+    expected = inspect.signature(command.load()).parameters
+    named = {name for name, each in expected.items() if each.kind is not each.VAR_KEYWORD}
+    assert named <= given
+    if given != named:
+        assert given - named <= {*inspect.signature(OTHERS[command.name]).parameters}
 
 
 NAMES = {

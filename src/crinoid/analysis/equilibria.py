@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from crinoid.analysis.curve import Curve
 from crinoid.assembly.plan import find_state
-from crinoid.assembly.prepared import Prepared, require_one_case
+from crinoid.assembly.prepared import require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import Outcome, State, System
 from crinoid.dynamics.rows import BOUNDARY_NODES
@@ -21,21 +22,15 @@ from crinoid.foundation.status import Status
 from crinoid.results.dataset import coordinates, describe, described
 from crinoid.results.errors import angle_between
 from crinoid.results.own_files import table_head
-from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.scenario import scenario_schema
-from crinoid.scenario.variation import Span, read_variation
-from crinoid.simulation.statics import at_rest
 
 CURVE = "curve.nc"
 """File of the equilibria of `crinoid equilibrium --vary`."""
 BRANCHES = ("forward", "backward")
 """Ways along the values: from the first to the last, and back."""
 
-_MOST = 10_000
-_IDLE = ("title", "seed", "control", "simulation", "output", "sensor", "sensors")
-"""Keys and tables without an effect on an equilibrium."""
 _SAME = 1e-5
 """Distance between the shapes of both branches over the length, below which they are one."""
 
@@ -80,44 +75,6 @@ def equilibria(scenario: Source, vary: str) -> xr.Dataset:
     case = scenario_of(scenario)
     require_one_case(case)
     return find_equilibria(Curve.of(case, [vary]))
-
-
-def require_effect_at_rest(option: str, keys: Iterable[str]) -> None:
-    """Refuse keys of tables without an effect on an equilibrium."""
-    for key in keys:
-        if (table := key.partition(".")[0]) in _IDLE:
-            raise refusal(option, f"got {key}; {table} changes no equilibrium. Name another key.")
-
-
-class Curve(NamedTuple):
-    """Cases of a scenario along the values of one key."""
-
-    key: str
-    values: list[float]
-    cases: list[Prepared]
-
-    @staticmethod
-    def of(scenario: Scenario, variations: Sequence[str]) -> Curve:
-        """Return the cases of a scenario and its option ``--vary``, all of them checked."""
-        if len(variations) != 1:
-            raise refusal("--vary", f"got {len(variations)} keys; must name one")
-        key, found = read_variation(variations[0])
-        require_effect_at_rest("--vary", [key])
-        if isinstance(found, Span) and found.count is None:
-            raise refusal("--vary", got(variations[0], f"have a count, {key}=FROM:TO:COUNT"))
-        if isinstance(found, Span) and (found.count or 0) > _MOST:
-            raise refusal("--vary", got(found.count, f"have a count of at most {_MOST}"))
-        values = found.values() if isinstance(found, Span) else found
-        if not all(type(value) in (int, float) and np.isfinite(value) for value in values):
-            raise refusal("--vary", got(variations[0], "have numbers as values"))
-        if len({*values}) < len(values) or len(values) < 2:
-            raise refusal("--vary", got(variations[0], "have 2 or more different values"))
-        first, cases = Prepared(at_rest(scenario)), []
-        for value in values:
-            case = first.with_scenario(at_rest(scenario.with_values({key: value})))
-            case.check()
-            cases.append(case)
-        return Curve(key, [float(value) for value in values], cases)
 
 
 class _Shape(NamedTuple):

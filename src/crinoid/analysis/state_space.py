@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Complex, Float
 
+from crinoid.analysis.model_files import FORMATS
 from crinoid.analysis.sampled_plant import GROWS, System
 from crinoid.assembly.linear import SHARE
 from crinoid.foundation.atomic_file import FilePath, atomic_write
@@ -204,13 +204,15 @@ class StateSpaceModel:
             If the ending is another one.
         """
         path = Path(path)
-        if path.suffix not in FORMATS:
-            raise refusal("path", got(path.name, f"end with {one_of(FORMATS)}"))
+        write = FORMATS.get(path.suffix[1:])
+        if write is None:
+            endings = (f".{form}" for form in FORMATS)
+            raise refusal("path", got(path.name, f"end with {one_of(endings)}"))
         values: dict[str, Any] = {"crinoid_version": __version__}
         values |= {each.name: getattr(self, each.name) for each in fields(self)}
         values["stable"] = self.stable
         with atomic_write(path) as temporary:
-            FORMATS[path.suffix](temporary, values)
+            write(temporary, values)
 
 
 def _balanced(
@@ -218,31 +220,3 @@ def _balanced(
 ) -> tuple[Reduced, Float[np.ndarray, " y"]]:
     size = system.A.shape[0] if most is None else most
     return balanced_by_reach(system.A, system.B * scales, system.C, share=_ROUND_OFF, most=size)
-
-
-def _write_npz(path: Path, values: dict[str, Any]) -> None:
-    with path.open("wb") as file:
-        np.savez(file, **values)
-
-
-def _write_mat(path: Path, values: dict[str, Any]) -> None:
-    from scipy.io import savemat  # slow to load
-
-    cells = {
-        name: np.array(value, object) if isinstance(value, tuple) else value
-        for name, value in values.items()
-    }
-    with path.open("wb") as file:
-        savemat(file, cells, oned_as="column")
-
-
-def _write_json(path: Path, values: dict[str, Any]) -> None:
-    plain = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in values.items()
-    }
-    path.write_text(json.dumps(plain, allow_nan=False) + "\n", "utf-8")
-
-
-FORMATS = {".npz": _write_npz, ".mat": _write_mat, ".json": _write_json}
-"""Writers by the ending of the file."""

@@ -9,7 +9,7 @@ import xarray as xr
 from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import (
     DampedModes,
@@ -28,7 +28,6 @@ from crinoid.results.dimensionless import bending
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import got
 from crinoid.scenario.library import Source
-from crinoid.simulation.statics import at_rest
 
 MODES = "modes.nc"
 

@@ -200,6 +200,18 @@ def require_one_case(scenario: Scenario) -> None:
         raise ValueError("a scenario with [vary] describes several cases; run scenario.cases()")
 
 
+def at_rest(scenario: Scenario) -> Scenario:
+    """Return the scenario of the result of `equilibrium`."""
+    still: dict[str, object] = {
+        "simulation.start": "equilibrium",
+        "control.kind": "none",
+        "output.variables": None,  # of one instant all are saved
+    }
+    if scenario.target.feed_forward:
+        still["target.feed_forward"] = False
+    return scenario.with_values(still)
+
+
 def _require_text(scenario: Scenario) -> None:
     """Refuse a scenario that does not read back as it was from its own text."""
     try:

@@ -1,6 +1,6 @@
 """Analyses of a scenario without a run in time: its current, vibrations and stability margins."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
 
@@ -9,11 +9,13 @@ import xarray as xr
 from rich.table import Table
 
 from crinoid.analysis.current import FLOW, Statistics, sample_current, statistics
-from crinoid.analysis.equilibria import CURVE, Curve, curve_table, find_equilibria
+from crinoid.analysis.curve import Curve
+from crinoid.analysis.equilibria import CURVE, curve_table, find_equilibria
 from crinoid.analysis.margins import MARGINS, find_margins
 from crinoid.analysis.vibrations import MODES, find_vibrations
+from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table, progress_bar, say_doubts, say_notes, show
+from crinoid.cli.display import new_table, progress_bar, say_notes
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
@@ -29,26 +31,23 @@ def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:
     if not scenario.flow and not scenario.vary:
         console.print("still water: the scenario has no [[flow]]")
         return
-    path = folder / FLOW
-    with finding(scenario, path, "a current", force=force, check=False, doubts=False) as found:
-        found.prepared.notes()  # which reads the files
-        say_doubts(found.prepared, IN_THE_WATER)
+    with finding(
+        scenario, folder / FLOW, "a current", force=force, check=Prepared.notes, doubts=IN_THE_WATER
+    ) as found:
         data = sample_current(found.prepared)
-        files = found.save(data)
-        time = data["time"].values
-        late = time >= data.attrs["settled"] - 1e-9
-        places = [
-            statistics(data["flow_velocity"].sel(place=place).values[late], time[1] - time[0])
-            for place in ("root", "tip")
-        ]
         recordings = found.prepared.recordings.items()
         lines = [f"flow.{index}: {_described(recording)}" for index, recording in recordings]
-        show(
-            _current_table(data, time[late], places), data.attrs["notes"].splitlines(), files, lines
-        )
+        found.show(data, _current_table, lines)
 
 
-def _current_table(data: xr.Dataset, time: np.ndarray, places: list[Statistics]) -> Table:
+def _current_table(data: xr.Dataset) -> Table:
+    time = data["time"].values
+    late = time >= data.attrs["settled"] - 1e-9
+    places = [
+        statistics(data["flow_velocity"].sel(place=place).values[late], time[1] - time[0])
+        for place in ("root", "tip")
+    ]
+    begin, end = time[late][[0, -1]]
     axes = ", ".join(data["axis"].values)
     texts: dict[str, Callable[[Statistics], str]] = {
         f"mean velocity {axes}": lambda at: _vector(at.mean, "m/s"),
@@ -59,7 +58,7 @@ def _current_table(data: xr.Dataset, time: np.ndarray, places: list[Statistics])
         f"integral time {axes}": lambda at: _vector(at.integral_time, "s", 2),
         f"integral length {axes}": lambda at: _vector(at.integral_length, "m", 2),
     }
-    heads = (f"{time[0]:g} to {time[-1]:g} s", "at the root", "at the tip")
+    heads = (f"{begin:g} to {end:g} s", "at the root", "at the tip")
     rows = ((name, *map(text, places)) for name, text in texts.items())
     return new_table(data.attrs["title"], heads, rows)
 
@@ -94,18 +93,15 @@ def _described(recording: Recording) -> str:
 
 def show_modes(scenario: Scenario, folder: Path, *, count: int, in_air: bool, force: bool) -> str:
     """Find the modes of a scenario, save, draw and print them; return the failure, if any."""
-    path = folder / MODES
-    with finding(scenario, path, "a mode", force=force, check=False, doubts=False) as found:
+    with finding(scenario, folder / MODES, "a mode", force=force, doubts=AT_REST) as found:
         with console.status("looking for equilibria and modes"):
             data, trouble = find_vibrations(found.prepared, count=count, in_air=in_air)
-        say_doubts(found.prepared, AT_REST)
-        if data is not None:
-            files = found.save(data)
-            lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
-            if "lock_in_speed" in data:
-                lines += [f"vortices lock in {_lock_in(data)}"]
-            show(_modes_table(data), data.attrs["notes"].splitlines(), files, lines)
-    return trouble
+        if data is None:
+            return trouble
+        lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
+        if "lock_in_speed" in data:
+            lines += [f"vortices lock in {_lock_in(data)}"]
+        return found.show(data, _modes_table, lines)
 
 
 def _modes_table(data: xr.Dataset) -> Table:
@@ -160,29 +156,24 @@ def _rest(data: xr.Dataset) -> str:
     return f"{text} in water of {parts(current, 3)} m/s" if current.any() else text
 
 
-def show_equilibria(
-    scenario: Scenario, variations: Sequence[str], folder: Path, *, force: bool
-) -> str:
+def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bool) -> str:
     """Follow the equilibrium over a number, save, draw and print it; return what went wrong."""
-    with finding(scenario, folder / CURVE, "a curve", force=force, check=False, doubts=False) as to:
+    of = folder / CURVE
+    with (
+        finding(scenario, of, "a curve", force=force, check=None, doubts=None) as found,
+        Interruption() as interruption,
+    ):
         if not force:
             check_own(folder / _TABLE)
-        curve = Curve.of(scenario, variations)
         ends = (plausibility_warnings(curve.cases[end], AT_REST) for end in (0, -1))
         say_notes(dict.fromkeys(chain(*ends)))
-        with Interruption() as interruption:
-            with progress_bar() as bar:
+        with progress_bar() as bar:
 
-                def report(done: int, total: int) -> None:
-                    bar.update(
-                        bar.task_ids[0], completed=done, total=total, description="equilibria"
-                    )
+            def report(done: int, total: int) -> None:
+                bar.update(bar.task_ids[0], completed=done, total=total, description="equilibria")
 
-                data = find_equilibria(curve, stop=interruption.stop, report=report)
-            files = to.save(data, {_TABLE: curve_table(data)})
-        show(_curve_table(data), data.attrs["notes"].splitlines(), files)
-    status = str(data.attrs["status"])
-    return "" if status == Status.OK else status
+            data = find_equilibria(curve, stop=interruption.stop, report=report)
+        return found.show(data, _curve_table, files={_TABLE: curve_table(data)})
 
 
 _TABLE = "curve.csv"
@@ -219,7 +210,7 @@ def show_margins(scenario: Scenario, folder: Path, *, force: bool) -> None:
     with finding(scenario, folder / MARGINS, "a margin", force=force) as found:
         with console.status("linearising the loop"):
             data = find_margins(found.prepared)
-        show(_margins_table(data), data.attrs["notes"].splitlines(), found.save(data))
+        found.show(data, _margins_table)
 
 
 def _margins_table(data: xr.Dataset) -> Table:

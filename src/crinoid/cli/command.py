@@ -1,13 +1,13 @@
-"""What all commands share: options, the console, messages and exit codes."""
+"""What all commands share: the console, messages, exit codes, scenario and folder."""
 
 from __future__ import annotations
 
 import errno
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -107,60 +107,6 @@ def complete_key(start: str) -> list[str]:
 
     found = all_keys(scenario_schema())
     return [f"{key}=" for key, table in found.items() if key.startswith(start) and not table]
-
-
-def option(
-    text: str,
-    metavar: str | None = None,
-    *,
-    name: str | None = None,
-    default: str | bool = True,
-    complete: Callable[[str], list[str]] | None = None,
-) -> Any:
-    """Return an option: its help, its value in it, its name, default in words, and completion."""
-    names = () if name is None else (name,)
-    return typer.Option(
-        *names, metavar=metavar, help=text, show_default=default, autocompletion=complete
-    )
-
-
-ScenarioName = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO",
-        help="A TOML file, or the name of a built-in scenario.",
-        autocompletion=complete_name,
-    ),
-]
-Settings = Annotated[
-    list[str] | None,
-    option(
-        "Change a key, such as arm.length=0.6; the default folder is named after it.",
-        "KEY=VALUE",
-        name="--set",
-        complete=complete_key,
-    ),
-]
-Force = Annotated[
-    bool,
-    option("Replace the finished result of another scenario, or files of others.", name="--force"),
-]
-
-
-def out_option(folder: str) -> Any:
-    """Return the option that names the folder to write to; ``folder`` is shown as its default."""
-
-    def named(name: str) -> Path:
-        return Path(name) if name else stop("--out: got an empty name; must be a folder")
-
-    return typer.Option(
-        "--out", metavar="DIR", help="Where to write.", show_default=folder, parser=named
-    )
-
-
-def resume_option(what: str) -> Any:
-    """Return the option that continues an interrupted run, sweep or training."""
-    return typer.Option("--resume", help=f"Go on from where an interrupted {what} stopped.")
 
 
 def load_scenario(name: str, settings: list[str] | None) -> Scenario:

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from rich.table import Table
 
-from crinoid.cli.command import console
+from crinoid.cli.command import MISSED, console
 from crinoid.cli.display import new_table, say_notes
 from crinoid.foundation.cache_folder import cache_folder
 from crinoid.foundation.version import version_of, versions
@@ -37,15 +37,15 @@ _CASE = Scenario(
 )
 
 
-def examine() -> str:
-    """Print the state of the installation; return its fault, empty if there is none."""
+def examine() -> tuple[str, int]:
+    """Print the state of the installation; return its fault, if any, and the exit code of one."""
     notes: list[str] = []
     console.print(_about())
     console.print(_parts())
     console.print(_places(notes))
     wrong = _solve()
     say_notes(notes)
-    return wrong
+    return wrong, MISSED
 
 
 def _about() -> Table:

@@ -1,24 +1,27 @@
 """Findings about one case of a scenario: a file with its figures, a table and notes."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import xarray as xr
+from rich.table import Table
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.cli.display import say_doubts
+from crinoid.cli.cases import checked_case
+from crinoid.cli.display import say_doubts, show
 from crinoid.cli.folder import check_own, claimed
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.status import Status
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.metrics import measures_of
 from crinoid.results.own_files import is_own
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
-from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
+from crinoid.scenario import Scenario, refusal
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
@@ -53,6 +56,19 @@ class Finding(NamedTuple):
             raise OSError(error.errno, text, error.filename) from error
         return [*paths, *write_report(paths[-1])]
 
+    def show(
+        self,
+        data: xr.Dataset,
+        table: Callable[[xr.Dataset], Table],
+        lines: Iterable[str] = (),
+        files: Mapping[str, Content] | None = None,
+    ) -> str:
+        """Save and draw a dataset, and print its table, lines and notes; return what went wrong."""
+        written = self.save(data, files)
+        show(table(data), data.attrs["notes"].splitlines(), written, lines)
+        status = str(data.attrs.get("status", Status.OK))
+        return "" if status == Status.OK else status
+
 
 def _written(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
     for name, content in contents.items():
@@ -78,23 +94,24 @@ def finding(
     name: str,
     *,
     force: bool,
-    check: bool = True,
-    doubts: bool = True,
+    check: Callable[[Prepared], object] | None = Prepared.check,
+    doubts: Collection[str] | None = (),
 ) -> Iterator[Finding]:
     """Prepare and check a case, and lock the folder of a file about it.
 
     The ``name`` is its subject in messages: `"a tuning"`. With ``force`` the file may replace one
-    that crinoid did not write. Without ``check`` files and room of the scenario are not checked,
-    without ``doubts`` implausible values are not reported.
+    that crinoid did not write. Implausible values of the tables ``doubts`` are reported: of all
+    for none, of no table for None.
     """
     require_one(scenario, name)
     prepared = Prepared(scenario)
-    if check:
-        prepared.check()
+    if check is not None:
+        check(prepared)
     with claimed(path.parent):
         if not force:
             check_own(path)
-        yield Finding(prepared, path, say_doubts(prepared) if doubts else [])
+        found = [] if doubts is None else say_doubts(prepared, doubts)
+        yield Finding(prepared, path, found)
 
 
 @contextmanager
@@ -112,15 +129,7 @@ def checked_runs(
     """Check runs of a plan, and yield each with its name; a mistake at ``key`` names its case."""
     measures_of(plan.scenario)  # refuses those that are in no package
     for run in runs:
-        try:
-            prepared = Prepared(plan.case(run))
-            prepared.check()
-        except ScenarioError as error:
-            values = plan.values(run).items()
-            case = ", ".join(f"{name} = {shown(value)}" for name, value in values)
-            mistakes = [Mistake(key, f"case {case}: {mistake}") for mistake in error.mistakes]
-            raise ScenarioError(mistakes) from error
-        yield plan.name(run), prepared
+        yield plan.name(run), checked_case(plan, run, key)
 
 
 def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:

@@ -6,8 +6,9 @@ import numpy as np
 from rich.table import Table
 
 from crinoid.analysis.linearisation import find_state_space
+from crinoid.analysis.model_files import FORMATS
 from crinoid.analysis.sampled_plant import GROWS
-from crinoid.analysis.state_space import FORMATS, RESPONSE, StateSpaceModel
+from crinoid.analysis.state_space import RESPONSE, StateSpaceModel
 from crinoid.cli.command import console
 from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
@@ -31,7 +32,7 @@ def show_linearisation(
             full = find_state_space(found.prepared)
             model = full if order is None else _reduced(full, order)
             files = found.save(model.tip_response(), {path.name: model.save})
-            others = [f"linear-model{ending}" for ending in FORMATS if ending != path.suffix]
+            others = [f"linear-model.{form}" for form in FORMATS if form != to]
             clear_own(folder, others)  # another model
         show(_poles_table(model), model.notes, files, _lines(model, full))
 

@@ -23,7 +23,7 @@ from crinoid.analysis.record import (
     tide,
 )
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table, show
+from crinoid.cli.display import new_table
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
 from crinoid.foundation.axes import AXES
@@ -83,19 +83,19 @@ def _show(
     order = [0] if record.levels is None else np.argsort(record.levels)
     middle = int(order[len(order) // 2])
     path = folder / RECORD
-    with finding(scenario, path, "a record", force=force, check=False, doubts=False) as found:
+    with finding(scenario, path, "a record", force=force, check=None, doubts=None) as found:
         if not force:
             check_own(folder / HISTOGRAM, lambda file: _HEAD.encode() in file.read_bytes())
         data = record_dataset(record, middle, axes)
         data.attrs = describe(scenario) | data.attrs | {"notes": "\n".join(record.remarks)}
         shares = zip(data["speed"].values, data["share"].values, strict=True)
         text = "".join(f"{speed:.6g},{share:.6g}\n" for speed, share in shares)
-        files = found.save(data, {HISTOGRAM: _HEAD + text})
         places = list(dict.fromkeys((int(order[0]), middle, int(order[-1]))))
         start = _start(dataset[find(dataset, flow.time, "time", name)])
         lines = _extent(record, start, middle)
         lines += _tide(record, middle, start, _latitude(dataset, flow))
-        show(_numbers(record, places, axes), record.remarks, files, lines)
+        numbers = _numbers(record, places, axes)
+        found.show(data, lambda _: numbers, lines, {HISTOGRAM: _HEAD + text})
 
 
 def _toml(value: Any) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.cli.command import console
 from crinoid.cli.display import (
     equilibrium_table,
@@ -23,7 +23,7 @@ from crinoid.diagnostics.plausibility import AT_REST
 from crinoid.foundation.status import Status
 from crinoid.results.result import RESULT, Result, ResultError
 from crinoid.scenario import Scenario, ScenarioError, refusal
-from crinoid.simulation import Progress, SimulationError, Tell, at_rest, play, settle
+from crinoid.simulation import Progress, SimulationError, Tell, play, settle
 
 
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool) -> str:

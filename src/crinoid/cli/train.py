@@ -31,7 +31,7 @@ def train_policy(
         raise refusal("--resume", text)
     replace = force or resume  # a continued training replaces its files
     with (
-        finding(scenario, folder / TRAINING, "a training", force=replace, doubts=False) as found,
+        finding(scenario, folder / TRAINING, "a training", force=replace, doubts=None) as found,
         Interruption() as interruption,
     ):
         if not replace:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from crinoid.analysis.equilibria import require_effect_at_rest
+from crinoid.analysis.curve import require_effect_at_rest
 from crinoid.inverse import StoppedError
 from crinoid.inverse.constrained_search import SearchTrial, constrain
 from crinoid.inverse.goal import Goal

@@ -10,13 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_measures import Numbers, SeenInstants, measures
 from crinoid.scenario import Scenario
 from crinoid.simulation import with_parameters
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.statics import at_rest
 
 _STEP = 1e-4
 """Step of a coordinate in the differences of arrays."""

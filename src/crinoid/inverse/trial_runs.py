@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.inverse import StoppedError
 from crinoid.inverse.goal import Goal
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.batch import run_batch
 from crinoid.simulation.run import SimulationError
-from crinoid.simulation.statics import at_rest, settle
+from crinoid.simulation.statics import settle
 
 
 class TrialRuns:

@@ -18,6 +18,5 @@ from crinoid.simulation.run import Tell as Tell
 from crinoid.simulation.run import play as play
 from crinoid.simulation.run import simulate as simulate
 from crinoid.simulation.session import Session as Session
-from crinoid.simulation.statics import at_rest as at_rest
 from crinoid.simulation.statics import equilibrium as equilibrium
 from crinoid.simulation.statics import settle as settle

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 
-from crinoid.assembly.prepared import Prepared, require_one_case
+from crinoid.assembly.prepared import Prepared, at_rest, require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.diagnostics.plausibility import AT_REST, plausibility_warnings
 from crinoid.dynamics import State, System
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import (
@@ -67,18 +66,6 @@ def settle(prepared: Prepared, *, notes: bool = True) -> Result:
     if result.failure:
         raise SimulationError(result)
     return result
-
-
-def at_rest(scenario: Scenario) -> Scenario:
-    """Return the scenario of the result of `equilibrium`."""
-    still: dict[str, object] = {
-        "simulation.start": "equilibrium",
-        "control.kind": "none",
-        "output.variables": None,  # of one instant all are saved
-    }
-    if scenario.target.feed_forward:
-        still["target.feed_forward"] = False
-    return scenario.with_values(still)
 
 
 @compiled(**ONCE)
