@@ -66,6 +66,7 @@ QUICK = {
     "identify small.toml small.toml --of arm.lenght": "arm.lenght: unknown key",
     "estimate small.toml nowhere.csv": "RECORD: nowhere.csv: no such file",
     "optimise small.toml --over arm.length --for rms_error": '--over: got "arm.length"; must be ',
+    "optimise small.toml --over arm.length=0.2:0.6 --for xyz": '--for: got "xyz"; must be a ',
     "sweep small.toml --vary seed=1,2 --sample xyz": '--sample: got "xyz"; must be "grid", ',
     "sweep small.toml --vary seed=1,2 --workers 0": "--workers: got 0; must be at least 1",
     "train small.toml --teacher xyz": '--teacher: got "xyz"; must be "lqg", ',

@@ -202,14 +202,14 @@ def optimise(
     text = load_text(scenario, settings)
     folder = folder_for(out, scenario, "-optimise", settings)
     with Loading():
+        from crinoid.inverse.goal import Goal
         from crinoid.inverse.ranges import Ranges
 
-    ranges = Ranges(text.scenario, over)
+    ranges, goal = Ranges(text.scenario, over), Goal(text.scenario, measure, keep or ())
     with Loading():
         from crinoid.cli.optimise import optimise_numbers
 
-    given = text, ranges, measure, keep or (), seeds, trials, folder
-    end(*optimise_numbers(*given, rest=rest, force=force))
+    end(*optimise_numbers(text, ranges, goal, seeds, trials, folder, rest=rest, force=force))
 
 
 @one_line_errors()

@@ -9,9 +9,8 @@ import numpy as np
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.results.effort import InputUse, input_use
 from crinoid.results.errors import TipError, error_word
-from crinoid.results.loads import FAR_CONTACTS
 from crinoid.results.measure_labels import label_of, unit_of
-from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
+from crinoid.results.metrics import FAR_CONTACTS, MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
 from crinoid.results.saturation import limit_shares
 from crinoid.results.scene.mount import base_word
@@ -102,7 +101,7 @@ class _Table(NamedTuple):
         word = error_word(scenario)
         if begin > 0:
             self.rows.append([f"{word} counts from", f"{begin:g} s"])
-        errors = [run.tip for run in self.runs]
+        errors = [run.of("errors:tip_error") for run in self.runs]
         unit = length_unit(max(known(error.maximum) or 0.0 for error in errors))
         self._add_errors(word, errors, unit, _NOTHING * scenario.arm.length)
         if (tolerance := scenario.target.tolerance) is not None:
@@ -110,7 +109,8 @@ class _Table(NamedTuple):
             self.add(within, self.measure("within_tolerance"), SHARE)
         turns = {"angle", "direction"} & set(scenario.control.controlled)
         if scenario.control.kind != "none" and turns:
-            angles = [run.angle for run in self.runs if run.angle is not None]
+            angles = [run.of("errors:angle_error") for run in self.runs]
+            angles = [each for each in angles if each is not None]
             self._add_errors("angle error", angles, DEGREES, _NOTHING)
 
     def _add_errors(
@@ -185,7 +185,8 @@ class _Table(NamedTuple):
 
     def add_contacts(self) -> None:
         """Add contacts with obstacles, and of which one each is."""
-        found = [run.contact for run in self.runs if run.contact is not None]
+        found = [run.of("loads:contact") for run in self.runs]
+        found = [each for each in found if each is not None]
         if not found:
             return
         several = self.result.dataset["contact_time"].shape[-1] > 1

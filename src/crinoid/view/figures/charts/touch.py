@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from crinoid.results.loads import FAR_CONTACTS, far_contact
+from crinoid.results.loads import far_contact
+from crinoid.results.metrics import FAR_CONTACTS
 from crinoid.results.scene.data import find_obstacles
 from crinoid.results.units import largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Trace
