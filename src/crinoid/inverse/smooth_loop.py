@@ -17,6 +17,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import SOMETIMES, compiled
 from crinoid.control import pose_error
 from crinoid.inverse.ranges import Point, Ranges
+from crinoid.results.errors import judged_at
 from crinoid.results.metrics import smooth_measure
 from crinoid.results.smooth import SeenMotion
 from crinoid.scenario import Scenario
@@ -29,8 +30,6 @@ _STEP = 1e-4
 """Step of a coordinate in the differences of arrays."""
 _ALIKE = 1e-7
 """Relative difference of equal arrays: that of equilibria found from different starts."""
-_ROUND = 1e-9
-"""Relative round-off of times."""
 
 
 Numbers = tuple[Parameters | Loop, Float[Array, " thread"]]
@@ -118,12 +117,12 @@ class SmoothLoop:
         self._ranges, self._rest, self._seed = ranges, rest, {"seed": seed}
         self._prepared = self._at(scenario)
         self._loop = set_up(self._prepared, notes=False).loop
-        simulation, interval = scenario.simulation, scenario.output_interval
-        first = scenario.judged_from / interval
+        simulation, stride = scenario.simulation, scenario.output_steps
+        saved = scenario.output_interval * np.arange(simulation.steps // stride + 2)
         self._instants = SeenInstants(
             0 if rest else simulation.steps,
-            scenario.output_steps,
-            0 if rest else int(np.ceil(first * (1 - _ROUND))),
+            stride,
+            0 if rest else int(np.argmax(judged_at(saved, scenario))),
             rest or simulation.start == "equilibrium",
         )
         steps = np.diag(np.where(ranges.start > 0.5, -_STEP, _STEP))
