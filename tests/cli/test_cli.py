@@ -75,6 +75,7 @@ QUICK = {
     "equilibrium small.toml --vary arm.length=1,1": '--vary: got "arm.length=1,1"; must have 2 ',
     "equilibrium small.toml --vary arm.lenght=1,2": "arm.lenght: unknown key",
     "optimise small.toml --over arm.length --for rms_error": '--over: got "arm.length"; must be ',
+    "optimise small.toml --over arm.length=0.2:0.6 --for xyz": '--for: got "xyz"; must be a ',
     "sweep small.toml --vary seed=1,2 --sample xyz": '--sample: got "xyz"; must be "grid", ',
     "sweep small.toml --vary arm.lenght=1,2": "--vary: case arm.lenght = 1: arm.lenght: unknown ",
     "sweep small.toml --vary seed=1,2 --workers 0": "--workers: got 0; must be at least 1",

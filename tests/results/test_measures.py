@@ -5,11 +5,13 @@ import pytest
 from scipy import stats
 
 import crinoid
+from crinoid.foundation.result_variables import quantity
 from crinoid.results.errors import settling_time, tip_error
 from crinoid.results.extremes import Gumbel
 from crinoid.results.loads import bending_cycles
-from crinoid.results.metrics import MEASURES
+from crinoid.results.metrics import MEASURES, smooth_measure
 from crinoid.results.result import Result
+from crinoid.results.smooth import SeenMotion
 from helpers.made_results import of_values
 
 LENGTH = 0.5
@@ -237,3 +239,28 @@ def test_a_vehicle_counts_from_the_start(dimension):
     assert measure("rms_thrust", floating) == pytest.approx(3 * np.sqrt(0.1 + 0.9 / 16), rel=1e-3)
     assert measure("thrust_limit_share", floating) == pytest.approx(0.1, abs=1e-3)
     assert measure("max_thrust", run) is None
+
+
+@BOTH
+def test_measures_with_derivatives_are_those_of_the_result(dimension):
+    """Errors count from 5 s on, and the last tenth is that of the whole run."""
+    random = np.random.default_rng(0)
+    error, force, turn = random.normal(0.0, [[0.1], [3.0], [0.4]], (3, TIME.size))
+    run = made(dimension, TIME, error, force, **{"target.judged_from": 5.0})
+    if dimension == 2:
+        names, pose = ("tip_angle", "tip_angle_target"), (turn[:, None], 0.0 * turn[:, None])
+    else:
+        names = ("tip_direction", "tip_direction_target")
+        pose = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1), np.eye(3)[[0] * TIME.size]
+    for name, values in zip(names, pose, strict=True):
+        run.dataset[name] = quantity(name, values.squeeze(), dimension)
+    tip = run.dataset["tip_position"].values
+    apart = [np.hstack([tip, pose[0]]), np.hstack([tip, pose[0] - pose[1]])]
+    loads = [
+        run.dataset[name].values.reshape(TIME.size, -1) for name in ("base_force", "base_moment")
+    ]
+    seen = SeenMotion(TIME, *apart, *loads, np.zeros((TIME.size, 1)), 1000)
+    names = [name for name, each in MEASURES.items() if each.smooth and name != "max_pressure"]
+    found = {name: float(smooth_measure(MEASURES[name].smooth)(seen)) for name in names}
+    assert len(found) == 9
+    assert found == pytest.approx({name: measure(name, run) for name in names}, abs=1e-11)

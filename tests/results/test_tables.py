@@ -8,7 +8,7 @@ import crinoid
 from crinoid.cli.display import cases_table, run_table
 from crinoid.results.effort import input_use
 from crinoid.results.errors import angle_error, deflection, settling_time, short_way, tip_error
-from crinoid.results.loads import base_load
+from crinoid.results.loads import base_force, base_moment
 from crinoid.results.metrics import MEASURES
 from crinoid.results.result import Result
 from helpers.made_results import of_values
@@ -108,8 +108,8 @@ def test_the_use_of_channels_is_that_of_the_servos_a_controller_drives():
 
 def test_the_largest_load_counts_all_its_parts():
     run = made(0.0, force=np.sin(TIME) - 2.0)
-    assert base_load(run, "base_force").maximum == pytest.approx(5 * 3.0, rel=1e-2)
-    assert base_load(run, "base_moment").maximum == pytest.approx(0.3, rel=1e-2)
+    assert base_force(run).maximum == pytest.approx(5 * 3.0, rel=1e-2)
+    assert base_moment(run).maximum == pytest.approx(0.3, rel=1e-2)
 
 
 def test_a_run_s_table_has_units_that_read_well_and_fits_80_columns():

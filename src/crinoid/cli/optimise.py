@@ -26,8 +26,7 @@ from crinoid.scenario import ScenarioText, counted
 def optimise_numbers(
     text: ScenarioText,
     ranges: Ranges,
-    measure: str,
-    keep: Sequence[str],
+    goal: Goal,
     seeds: int,
     trials: int,
     folder: Path,
@@ -36,8 +35,7 @@ def optimise_numbers(
     force: bool,
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
-    scenario = text.scenario
-    goal = Goal(scenario, measure, keep)
+    scenario, measure = text.scenario, goal.names[0]
     with (
         finding(scenario, folder / OPTIMISATION, "an optimisation", force=force) as found,
         Interruption() as interruption,

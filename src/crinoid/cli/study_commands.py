@@ -56,17 +56,18 @@ def identify(
 
 
 def optimise(
-    text: ScenarioText, over: list[str], keep: list[str] | None, **search: Any
+    text: ScenarioText, over: list[str], measure: str, keep: list[str] | None, **search: Any
 ) -> tuple[str, int]:
     """Optimise numbers of a scenario; ``search`` are the other values of `optimise_numbers`."""
     with Loading():
+        from crinoid.inverse.goal import Goal
         from crinoid.inverse.ranges import Ranges
 
-    ranges = Ranges(text.scenario, over)
+    ranges, goal = Ranges(text.scenario, over), Goal(text.scenario, measure, keep or ())
     with Loading():
         from crinoid.cli.optimise import optimise_numbers
 
-    return optimise_numbers(text, ranges, keep=keep or (), **search)
+    return optimise_numbers(text, ranges, goal, **search)
 
 
 def sweep(

@@ -18,14 +18,13 @@ from crinoid.compilation import OFTEN, compiled
 from crinoid.control import Controller
 from crinoid.dynamics import State
 from crinoid.foundation.axes import POSE
+from crinoid.results.errors import judged_at
 from crinoid.scenario import Scenario, ScenarioError, one_of
 from crinoid.scenario.errors import got
 from crinoid.simulation import Loop, rollout
 
 _EFFORT_TIME = 0.01
 """Time constant that weighs the speed of inputs against the error of the tip (s)."""
-_ROUND = 1e-9
-"""Round-off of times (s)."""
 _FEW = 3
 """Number of parameters up to which forward mode is faster: it costs half a run for each parameter,
 reverse mode two runs for all."""
@@ -52,8 +51,8 @@ class CostWeights(NamedTuple):
         ]
         inputs = [1.0 if each.unit == "m" else length for each in loop.system.inputs]
         ends = scenario.simulation.time_step * np.arange(1, scenario.simulation.steps + 1)
-        counted = ends >= scenario.judged_from - _ROUND
-        return CostWeights(np.array(pose), np.array(inputs), counted.astype(float))
+        counted = judged_at(ends, scenario).astype(float)
+        return CostWeights(np.array(pose), np.array(inputs), counted)
 
 
 class Cost(eqx.Module):

@@ -64,6 +64,8 @@ class Goal:
         self.names = (measure, *(limit.measure for limit in self.limits))
         """The measure, and those of the limits."""
         self.measures = [known[name] for name in self.names]
+        self.smooth = tuple(measure.smooth for measure in self.measures)
+        """Their functions with derivatives; empty for one without."""
 
     def violation(self, found: Float[np.ndarray, "*point measure draw"]) -> np.ndarray:
         """Return the largest relative violation of a limit in a draw, 0 where all are kept."""

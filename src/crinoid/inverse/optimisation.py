@@ -20,7 +20,6 @@ from crinoid.inverse.constrained_search import SearchTrial, constrain
 from crinoid.inverse.goal import Goal
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
-from crinoid.inverse.smooth_measures import SMOOTH
 from crinoid.inverse.threads import results
 from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import describe, described
@@ -140,7 +139,8 @@ class Optimisation:
             (alone,) = self.runs([self.scenario])
             if not np.array_equal(alone, self.given):  # a measure needs the run without control
                 del self.runs.settings["control.compare"]
-        without = [name for name in self.goal.names if name not in SMOOTH]
+        pairs = zip(self.goal.names, self.goal.measures, strict=True)
+        without = [name for name, measure in pairs if not measure.smooth]
         if without:
             self.why = f"{', '.join(dict.fromkeys(without))}: no derivatives"
         else:
@@ -162,7 +162,7 @@ class Optimisation:
             self._loops = [
                 SmoothLoop(self.scenario, self.ranges, seed, rest=self.rest) for seed in self.seeds
             ]
-            values, gradient = self._loops[0].measures(start, self.goal.names)
+            values, gradient = self._loops[0].measures(start, self.goal.smooth)
         except StructureError as error:
             return str(error)
         except (ScenarioError, RuntimeError) as error:
@@ -210,7 +210,7 @@ class Optimisation:
             failed = SearchTrial(np.nan, none, np.zeros(count), np.zeros((count, none.size)))
             point = np.clip(point, 0.0, 1.0)
             try:
-                pairs = [each.measures(point, self.goal.names) for each in self._loops]
+                pairs = [each.measures(point, self.goal.smooth) for each in self._loops]
             except (StructureError, ScenarioError, RuntimeError):
                 return failed
             found, slopes = (np.stack(each, axis=1) for each in zip(*pairs, strict=True))

@@ -2,36 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from crinoid.actuation import Input
 from crinoid.control import Sensor
-from crinoid.inverse.commands import Commands, commands_of
+from crinoid.inverse.logs import (
+    MARKER,
+    Commands,
+    LogTable,
+    column_of,
+    commands_of,
+    readings_of,
+    record_errors,
+    result_folder,
+)
 from crinoid.inverse.marker import TIP
-from crinoid.recording.axes import find
-from crinoid.recording.logs import is_bag
-from crinoid.recording.numbers import Column, labels_of
-from crinoid.recording.readers import read_dataset
-from crinoid.recording.series import read_series
+from crinoid.recording.numbers import Column
 from crinoid.recording.texts import listed
-from crinoid.recording.units import angle_factor, length_factor
-from crinoid.results.result import RESULT, Result, ResultError, attributes
-from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.scenario.sensor import Sampling
 
-TIME, MARKER = "time", "marker"
-"""Columns of a record."""
 _STATE = "state"
 """Ending of the columns with measured states of actuators."""
-LARGEST = 1e12
-"""Larger numbers mark missing values."""
 
 
 class Readings(NamedTuple):
@@ -104,45 +102,31 @@ def _of_table(
     file: str, scenario: Scenario, sensors: Sequence[Sensor], inputs: Sequence[Input]
 ) -> ReadingRecord:
     columns = _columns(scenario, sensors)
-    every = [column for some in columns for column in some]
-    with read_dataset(file) as dataset:
-        there = [str(name) for name in dataset.variables]
-    measured = [column for column in every if column.name in there]
-    if not measured:
-        names = ", ".join(column.name for column in every)
-        raise refusal("file", f"has {listed(sorted(there))}", f"have {TIME} and some of {names}")
-    driven = [column_of(each.name, each.unit) for each in inputs]
-    played = [column for column in driven if column.name in there]
-    followed = [(each, column_of(f"{each.name}.{_STATE}", each.unit)) for each in inputs]
-    followed = [(each, column) for each, column in followed if column.name in there]
-    known = {column.name for column in (*measured, *played, *(column for _, column in followed))}
-    with read_dataset(file) as dataset:
-        clock = dataset[find(dataset, TIME, "time_column", file)]
-        labels = markers_in(dataset, clock)
-        notes = not_read(dataset, clock, {MARKER, *known})
-    if labels is not None and TIP not in labels:
-        raise refusal(MARKER, f"marker has {listed(sorted({*labels}))}", f"have rows of {TIP}")
-    if others := sorted({*(labels or ())} - {TIP}):
+    log = LogTable(file, [column for some in columns for column in some], inputs)
+    labels = set(log.labels or ())
+    if log.labels is not None and TIP not in labels:
+        raise refusal(MARKER, f"marker has {listed(sorted(labels))}", f"have rows of {TIP}")
+    followed = {each.name: column_of(f"{each.name}.{_STATE}", each.unit) for each in inputs}
+    followed = {name: column for name, column in followed.items() if column.name in log.names}
+    notes = log.not_read([column.name for column in followed.values()])
+    if others := sorted(labels - {TIP}):
         notes.append(f"rows of markers other than {TIP} are not read: {listed(others)}")
-    only = None if labels is None else (MARKER, TIP)
-    series = read_series(file, TIME, measured, 0.0, only, gaps=True)
-    values = dict(zip((column.name for column in measured), series.values.T, strict=True))
+    only = None if log.labels is None else TIP
+    series = log.series(log.measured, only, gaps=True)
+    names = (column.name for column in log.measured)
+    values = dict(zip(names, series.values.T, strict=True))
     nothing = np.full(series.time.size, np.nan)
     readings = []
     for some in columns:
         of_sensor = np.stack([values.get(column.name, nothing) for column in some], axis=1)
         found = Readings.of(series.time, of_sensor)
         readings.append(found if found.time.size else None)
-    parts = [read_series(file, TIME, played, 0.0, only)] if played else []
-    drives = [read_series(file, TIME, [column], 0.0, only) for _, column in followed]
-    states = {
-        each.name: Readings(drive.time, drive.values)
-        for (each, _), drive in zip(followed, drives, strict=True)
-    }
-    commands = Commands.of(parts, [driven.index(column) for column in played], len(inputs))
-    commanded = tuple(column.name for column in played)
-    remarks = dict.fromkeys(note for each in (series, *parts, *drives) for note in each.notes)
-    notes = [*remarks, *notes]
+    commands, parts = log.commands([only])
+    drives = {name: log.series([column], only) for name, column in followed.items()}
+    states = {name: Readings(drive.time, drive.values) for name, drive in drives.items()}
+    remarks = (note for each in (series, *parts, *drives.values()) for note in each.notes)
+    notes = [*dict.fromkeys(remarks), *notes]
+    commanded = tuple(column.name for column in log.played)
     return ReadingRecord(tuple(readings), commands, states, commanded, tuple(notes))
 
 
@@ -153,18 +137,16 @@ def _of_result(
     if ran.arm.dimension != scenario.arm.dimension:
         text = f"the arm has {ran.arm.dimension} axes; must have {scenario.arm.dimension}"
         raise ScenarioError.of("file", text)
-    rows = {str(name): row for row, name in enumerate(data["reading"].values)}
+    there = {str(name) for name in data["reading"].values}
     tables: dict[str, Sampling] = {each.called: each for each in ran.sensors}
     readings: list[Readings | None] = []
     for sensor in sensors:
         table = tables.get(sensor.name, ran.sensor if sensor is sensors[0] else None)
         names = [f"{sensor.name}.{name}" for name, _ in sensor.measurand.names(ran.arm.dimension)]
-        if table is None or not set(names) <= set(rows):
+        if table is None or not set(names) <= there:
             readings.append(None)
             continue
-        time, instants = sampled(data, ran, table)
-        values = data["sensor_reading"].values[instants][:, [rows[name] for name in names]]
-        readings.append(Readings.of(time, values))
+        readings.append(Readings.of(*readings_of(result, table, names)))
     if not any(each is not None and each.time.size for each in readings):
         raise ScenarioError.of("file", "the run has no reading of a sensor of the scenario")
     commands = commands_of(result, inputs)
@@ -178,61 +160,3 @@ def _of_result(
             f"the control period of {period:g} s"
         )
     return ReadingRecord(tuple(readings), commands, {}, tuple(map(str, every)), tuple(notes))
-
-
-@contextmanager
-def record_errors() -> Iterator[None]:
-    """Raise the mistakes of a record under the name RECORD."""
-    try:
-        yield
-    except ResultError as error:
-        raise ScenarioError.of("RECORD", str(error)) from error
-    except ScenarioError as error:
-        mistakes = [Mistake("RECORD", mistake.text) for mistake in error.mistakes]
-        raise ScenarioError(mistakes) from error
-
-
-def result_folder(path: Path) -> Path | None:
-    """Return the folder of a result of crinoid; None if the path is of another file."""
-    if path.is_dir():
-        return None if is_bag(path) else path
-    return path.parent if path.name == RESULT and attributes(path) else None
-
-
-def sampled(
-    data: xr.Dataset, scenario: Scenario, sensor: Sampling
-) -> tuple[Float[np.ndarray, " sample"], Int[np.ndarray, " sample"]]:
-    """Return the times (s) at which a sensor measured, and the saved instants that first know."""
-    time, step = data["time"].values, scenario.simulation.time_step
-    period = 1 / scenario.rate_hz(sensor.rate_hz)
-    # a sample is taken at the first time step at or after a tick
-    ticks = np.arange(int(time[-1] / period + 2)) * period
-    samples = step * np.ceil(ticks / step - 1e-6)
-    newest = np.searchsorted(samples, time - max(step, sensor.delay) + 1e-6 * step) - 1
-    rows = np.flatnonzero(newest >= 0)
-    times, first = np.unique(samples[newest[rows]], return_index=True)
-    return times, rows[first]
-
-
-def markers_in(dataset: xr.Dataset, clock: xr.DataArray) -> list[str] | None:
-    """Return the marker of each row of a record; None without a column of them."""
-    if MARKER not in dataset.variables:
-        return None
-    if dataset[MARKER].dims != clock.dims:
-        dims = ", ".join(map(str, dataset[MARKER].dims)) or "nothing"
-        raise refusal(MARKER, f"marker has dimensions {dims}", f"have those of {clock.name}")
-    return labels_of(dataset[MARKER])
-
-
-def not_read(dataset: xr.Dataset, clock: xr.DataArray, known: Container[str]) -> list[str]:
-    """Return a note on the columns of a record that are not ``known``, if there are any."""
-    rows = [str(name) for name, each in dataset.variables.items() if each.dims == clock.dims]
-    others = [name for name in rows if name != clock.name and name not in known]
-    return [f"not read: {listed(others)}"] if others else []
-
-
-def column_of(name: str, unit: str) -> Column:
-    """Return the column of a quantity; without a unit in the file angles are in degrees."""
-    known = {"m": (length_factor, "m"), "rad": (angle_factor, "degrees")}
-    factor, written = known.get(unit, ({unit: 1.0}.get, unit))
-    return Column(name, name, factor, written, LARGEST)

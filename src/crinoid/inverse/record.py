@@ -8,35 +8,31 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from crinoid.actuation import Input
 from crinoid.foundation.axes import AXES, POSE
-from crinoid.inverse.commands import Commands, commands_of
-from crinoid.inverse.marker import TIP, Marker
-from crinoid.inverse.readings import (
+from crinoid.inverse.logs import (
+    HOLD,
     LARGEST,
     MARKER,
-    TIME,
+    Commands,
+    LogTable,
     column_of,
-    markers_in,
-    not_read,
+    commands_of,
+    readings_of,
     record_errors,
     result_folder,
-    sampled,
 )
-from crinoid.recording.axes import find
+from crinoid.inverse.marker import TIP, Marker
 from crinoid.recording.numbers import Column, labels_of
 from crinoid.recording.readers import read_dataset
-from crinoid.recording.series import Series, read_series, values_in
+from crinoid.recording.series import values_in
 from crinoid.recording.texts import listed
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError, counted, got, one_of, refusal
 from crinoid.scenario.actuator import Tendon, keyed_threads
 
-HOLD = "hold"
-"""Column of a record."""
 LOST = 0.25
 """Largest share of the rows that may be set aside as lost markers."""
 _REACH = 1.25
@@ -116,58 +112,29 @@ def _of_table(
     axes = scenario.arm.dimension
     columns = [column_of(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
     columns += [column_of(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
-    with read_dataset(file) as dataset:
-        there = [str(name) for name in dataset.variables]
-        if MARKER in there:
-            columns = columns[: len(AXES[axes])]
-        measured = [column for column in columns if column.name in there]
-        if not measured:
-            some = ", ".join(column.name for column in columns)
-            along = HOLD if HOLD in there else TIME
-            text = f"has {listed(sorted(there))}; must have {along} and some of {some}"
-            raise ScenarioError.of("file", text)
-        first = dataset[HOLD if HOLD in there else find(dataset, TIME, "time_column", file)]
-        labels = markers_in(dataset, first)
-        places = {TIP: 0} | {marker.name: k for k, marker in enumerate(markers, start=1)}
-        for label in labels or ():
-            if label not in places:
-                must = f"be {one_of(places)}"
-                raise refusal(MARKER, got(label, must, "A [[marker]] describes another one."))
-        if HOLD in there:
-            rows = [0] * first.size if labels is None else [places[label] for label in labels]
-            record = _of_holds(dataset, file, scenario, measured, np.array(rows))
-            return replace(record, markers=markers)
-        names = tuple(column.name for column in measured)
-        driven = [column_of(each.name, each.unit) for each in inputs]
-        played = [column for column in driven if column.name in there]
-        others = not_read(dataset, first, {MARKER, *names, *(column.name for column in played)})
-    tracks = {None: 0} if labels is None else {label: places[label] for label in labels}
-
-    def read(some: list[Column]) -> list[Series]:
-        chosen = [None if label is None else (MARKER, label) for label in tracks]
-        return [read_series(file, TIME, some, 0.0, only) for only in chosen]
-
-    motions = read(measured)
+    log = LogTable(file, columns, inputs, of_marker=len(AXES[axes]), holds=True)
+    places = {TIP: 0} | {marker.name: k for k, marker in enumerate(markers, start=1)}
+    for label in log.labels or ():
+        if label not in places:
+            must = f"be {one_of(places)}"
+            raise refusal(MARKER, got(label, must, "A [[marker]] describes another one."))
+    if log.along == HOLD:
+        return replace(_of_holds(log, scenario, places), markers=markers)
+    tracks = {None: 0} if log.labels is None else {label: places[label] for label in log.labels}
+    motions = [log.series(log.measured, label) for label in tracks]
     time = np.concatenate([motion.time for motion in motions])
     order = np.argsort(time, kind="stable")
     values = np.concatenate([motion.values for motion in motions])[order]
     of_row = np.repeat(list(tracks.values()), [motion.time.size for motion in motions])[order]
-    parts = read(played) if played else []
-    commands = Commands.of(parts, [driven.index(column) for column in played], len(inputs))
-    notes = tuple(dict.fromkeys(note for each in (*motions, *parts) for note in each.notes))
-    notes += tuple(others)
+    commands, parts = log.commands([*tracks])
+    notes = dict.fromkeys(note for each in (*motions, *parts) for note in each.notes)
+    names, every = tuple(column.name for column in log.measured), (*notes, *log.not_read(()))
     return _after_start(
-        ExperimentRecord(time[order], names, values, commands, notes, markers, of_row)
+        ExperimentRecord(time[order], names, values, commands, every, markers, of_row)
     )
 
 
-def _of_holds(
-    dataset: xr.Dataset,
-    file: str,
-    scenario: Scenario,
-    measured: list[Column],
-    of_row: Int[np.ndarray, " row"],
-) -> ExperimentRecord:
+def _of_holds(log: LogTable, scenario: Scenario, places: Mapping[str, int]) -> ExperimentRecord:
     """Return the holds in a table, with a row for each marker in each hold."""
     threads = keyed_threads(scenario.chamber, scenario.tendon).values()
     driven = {}
@@ -175,17 +142,19 @@ def _of_holds(
         unit = "N" if isinstance(thread, Tendon) else "Pa"
         factors = {"1": 1.0} if thread.lined else {"1": 1.0, unit: 1 / thread.largest}
         driven[name] = Column(name, name, factors.get, "1", LARGEST)
-    known = (HOLD, MARKER, *(column.name for column in measured), *driven)
-    for name in map(str, dataset.variables):
-        if name not in known and name not in dataset.dims:
-            others = listed([*POSE[scenario.arm.dimension], *driven])
-            raise refusal("file", f"has a column {name}", f"be {HOLD}, {MARKER} or one of {others}")
-    played = [column for name, column in driven.items() if name in dataset.variables]
-    remarks: list[str] = []
-    clock = dataset[HOLD]
-    values = values_in(dataset, measured, clock, file, remarks)
-    shares = values_in(dataset, played, clock, file, remarks)
-    labels = np.array(labels_of(clock))
+    known = (HOLD, MARKER, *(column.name for column in log.measured), *driven)
+    with read_dataset(log.file) as dataset:
+        for name in log.names:
+            if name not in known and name not in dataset.dims:
+                others = listed([*POSE[scenario.arm.dimension], *driven])
+                must = f"be {HOLD}, {MARKER} or one of {others}"
+                raise refusal("file", f"has a column {name}", must)
+        played = [column for name, column in driven.items() if name in log.names]
+        remarks: list[str] = []
+        clock = dataset[HOLD]
+        values = values_in(dataset, log.measured, clock, log.file, remarks)
+        shares = values_in(dataset, played, clock, log.file, remarks)
+        labels = np.array(labels_of(clock))
     _, first, holds = np.unique(labels, return_index=True, return_inverse=True)
     order = np.argsort(np.argsort(first))  # in the order of the file
     first, holds = np.sort(first), order[holds]
@@ -202,9 +171,10 @@ def _of_holds(
         tuple(list(driven).index(column.name) for column in played),
         shares[first],
     )
-    places = tuple(column.name for column in measured)
+    names, rows = tuple(column.name for column in log.measured), [0] * holds.size
+    of_row = np.array(rows if log.labels is None else [places[label] for label in log.labels])
     record = ExperimentRecord(
-        np.zeros(holds.size), places, values, None, tuple(remarks), of_row=of_row, holds=found
+        np.zeros(holds.size), names, values, None, tuple(remarks), of_row=of_row, holds=found
     )
     return record.rows(there)
 
@@ -229,14 +199,12 @@ def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> Exp
         text = f"{folder}: the arm has {axes} axes; must have {scenario.arm.dimension}"
         raise ScenarioError.of("file", text)
     scenario = result.scenario
-    columns = {str(name): row for row, name in enumerate(data["reading"].values)}
-    names = tuple(name for name in POSE[axes] if f"tip.{name}" in columns)
-    times, rows = sampled(data, scenario, scenario.sensor)
+    there = {str(name) for name in data["reading"].values}
+    names = tuple(name for name in POSE[axes] if f"tip.{name}" in there)
+    times, values = readings_of(result, scenario.sensor, [f"tip.{name}" for name in names])
     if times.size < 2:
         text = f"{folder}: the run has {times.size} readings of the tip; must have at least 2"
         raise ScenarioError.of("file", text)
-    readings = data["sensor_reading"].values[rows]
-    values = readings[:, [columns[f"tip.{name}"] for name in names]]
     return ExperimentRecord(times, names, values, commands_of(result, inputs))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,19 +10,94 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from crinoid.actuation import drives
+from crinoid.assembly.parameters import Parameters
+from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import Prepared, at_rest
+from crinoid.compilation import SOMETIMES, compiled
+from crinoid.control import pose_error
 from crinoid.inverse.ranges import Point, Ranges
-from crinoid.inverse.smooth_measures import Numbers, SeenInstants, measures
+from crinoid.results.errors import judged_at
+from crinoid.results.metrics import smooth_measure
+from crinoid.results.smooth import SeenMotion
 from crinoid.scenario import Scenario
-from crinoid.simulation import with_parameters
+from crinoid.simulation import Loop, rollout, with_parameters
+from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import set_up
 
 _STEP = 1e-4
 """Step of a coordinate in the differences of arrays."""
 _ALIKE = 1e-7
 """Relative difference of equal arrays: that of equilibria found from different starts."""
-_ROUND = 1e-9
-"""Relative round-off of times."""
+
+
+Numbers = tuple[Parameters | Loop, Float[Array, " thread"]]
+"""Numbers of a loop, or the loop itself; pressure of each thread at a share of 1 (Pa)."""
+
+
+class SeenInstants(NamedTuple):
+    """Saved instants of a run that measures see."""
+
+    steps: int
+    """Number of time steps; 0 for the equilibrium at t = 0."""
+    stride: int
+    """Time steps between saved instants."""
+    judged: int
+    """Index of the first saved instant from which errors count."""
+    equilibrium: bool
+    """Whether the arm starts in equilibrium."""
+
+
+def _see(loop: Loop, pressures: Float[Array, " thread"], judged: int, now: LoopState) -> SeenMotion:
+    state, system = now.state, loop.system
+    time, tip = state.time, system.tip(state)
+    drive = drives(system.actuators, state.actuators)
+    shares = jnp.zeros(0) if drive is None else drive[: pressures.shape[0]]
+    error = pose_error(loop.target(time), tip)
+    moment = jnp.atleast_1d(state.base_moment)
+    return SeenMotion(time, tip, error, state.base_force, moment, pressures * shares, judged)
+
+
+@compiled(**SOMETIMES)
+def measures(
+    loop: Loop, numbers: Numbers, tangents: Any, forms: tuple[str, ...], instants: SeenInstants
+) -> tuple[Float[Array, " measure"], Float[Array, "measure key"]]:
+    """Return measures of a run, or of an equilibrium, and their derivatives.
+
+    ``forms`` are the functions of the measures (`crinoid.results.metrics.Measure.smooth`),
+    ``tangents`` the derivatives of ``numbers`` by each key, with the keys as first axis and
+    None for constant leaves. All results are NaN where a time step failed or there is no
+    equilibrium.
+    """
+    varying, constant = eqx.partition(numbers, eqx.is_inexact_array)
+
+    def of(varying: Any) -> tuple[Array, Array]:
+        first, pressures = eqx.combine(varying, constant)
+        changed = first if isinstance(first, Loop) else with_parameters(loop, first)
+
+        def see(loop: Loop, now: LoopState) -> SeenMotion:
+            return _see(loop, pressures, instants.judged, now)
+
+        state, outcome = find_state.function(changed.system, instants.equilibrium)
+        seen = jax.tree.map(lambda x: x[None], see(changed, changed.start(state)))
+        converged = outcome.converged
+        if instants.steps:
+            run = rollout(changed, state, instants.steps, observe=see)
+            last = instants.steps - 1
+            rows = [*range(instants.stride - 1, last, instants.stride), last]
+            kept = jax.tree.map(lambda x: x[jnp.array(rows)], run.kept)
+            seen = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), seen, kept)
+            converged = converged & run.converged
+        found = [smooth_measure(form)(seen) for form in forms]
+        values = jnp.where(converged, 1.0, jnp.nan) * jnp.stack(found)
+        return values, values
+
+    def along(tangent: Any) -> tuple[Array, Array, Array]:
+        return jax.jvp(of, (varying,), (tangent,), has_aux=True)
+
+    # the run itself is computed once for all directions
+    _, slopes, values = jax.vmap(along, out_axes=(None, 1, None))(tangents)
+    return values, slopes
 
 
 class StructureError(ValueError):
@@ -41,12 +116,12 @@ class SmoothLoop:
         self._ranges, self._rest, self._seed = ranges, rest, {"seed": seed}
         self._prepared = self._at(scenario)
         self._loop = set_up(self._prepared, notes=False).loop
-        simulation, interval = scenario.simulation, scenario.output_interval
-        first = scenario.judged_from / interval
+        simulation, stride = scenario.simulation, scenario.output_steps
+        saved = scenario.output_interval * np.arange(simulation.steps // stride + 2)
         self._instants = SeenInstants(
             0 if rest else simulation.steps,
-            scenario.output_steps,
-            0 if rest else int(np.ceil(first * (1 - _ROUND))),
+            stride,
+            0 if rest else int(np.argmax(judged_at(saved, scenario))),
             rest or simulation.start == "equilibrium",
         )
         steps = np.diag(np.where(ranges.start > 0.5, -_STEP, _STEP))
@@ -54,10 +129,11 @@ class SmoothLoop:
         """Whether another point has another design of the controller, target or sensors."""
 
     def measures(
-        self, point: Point, names: tuple[str, ...]
+        self, point: Point, forms: tuple[str, ...]
     ) -> tuple[Float[np.ndarray, " measure"], Float[np.ndarray, "measure key"]]:
         """Return measures at a point, and their derivatives by its coordinates.
 
+        ``forms`` are their functions with a derivative (`crinoid.results.metrics.Measure.smooth`).
         NaN where a time step failed or there is no equilibrium.
 
         Raises
@@ -75,7 +151,7 @@ class SmoothLoop:
             width = float(axis @ (ends[0] - ends[1]))
             tangents.append(jax.tree.map(lambda a, b, w=width: _slope(a, b, w), *pair))
         tangent = jax.tree.map(lambda *each: np.stack(each), *tangents)
-        found = measures(self._loop, numbers, tangent, names, self._instants)
+        found = measures(self._loop, numbers, tangent, forms, self._instants)
         return np.asarray(found[0]), np.asarray(found[1])
 
     def _at(self, scenario: Scenario) -> Prepared:

@@ -37,6 +37,27 @@ class VehicleUse(NamedTuple):
     """Share of the time with a force or moment at its limit; None without a limit."""
 
 
+class SolverUse(NamedTuple):
+    """Use of the time integration."""
+
+    simulated: float
+    """Time that was simulated (s)."""
+    steps: int
+    """Number of time steps."""
+    iterations_a_step: float
+    """Newton iterations a time step."""
+    wall_time: float
+    """Computing time (s)."""
+
+
+def solver_use(result: Result) -> SolverUse:
+    """Return the use of the time integration."""
+    data = result.dataset
+    steps, iterations = (int(data[name].sum()) for name in ("steps", "newton_iterations"))
+    times = float(data["time"][-1]), float(data.attrs["wall_time"])
+    return SolverUse(times[0], steps, iterations / max(1, steps), times[1])
+
+
 def input_use(result: Result) -> dict[str, InputUse]:
     """Return the use of each input that a controller drives; empty without a controller."""
     counted = judged(result)

@@ -1,6 +1,6 @@
 """Errors of the tip over a run, from the time on that its scenario judges it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -61,6 +61,11 @@ def counted(result: Result) -> Instants:
     return found if found.any() else ~found
 
 
+def steady_from(time: Any) -> Any:
+    """Return the time (s) from which on a run with these instants counts as steady."""
+    return time[-1] - _LAST * (time[-1] - time[0])
+
+
 def tip_error(result: Result) -> TipError:
     """Return the errors of the tip's position."""
     data, counted = result.dataset, judged(result)
@@ -71,9 +76,16 @@ def tip_error(result: Result) -> TipError:
     return _sum_up(result, data["tip_error"].values, wander)
 
 
-def angle_error(result: Result) -> TipError:
-    """Return the errors of the tip's direction (rad)."""
+def uncontrolled_error(result: Result) -> TipError | None:
+    """Return the errors of the tip's position without control; None where that was not run."""
+    return None if result.uncontrolled is None else tip_error(result.uncontrolled)
+
+
+def angle_error(result: Result) -> TipError | None:
+    """Return the errors of the tip's direction (rad); None in a result without its target."""
     data, counted = result.dataset, judged(result)
+    if not {"tip_direction_target", "tip_angle_target"} & set(data):
+        return None
     if not counted.any():
         return _UNKNOWN
     if "tip_direction" in data:
@@ -151,7 +163,7 @@ def _sum_up(
     result: Result, error: Float[np.ndarray, " time"], wander: Float[np.ndarray, " time"]
 ) -> TipError:
     time, counted = result.dataset["time"].values, judged(result)
-    steady = counted & (time >= time[-1] - _LAST * (time[-1] - time[0]))
+    steady = counted & (time >= steady_from(time))
     error_then, found = error[counted], float(np.mean(error[steady]))
     return TipError(
         rms(error_then), float(np.max(error_then)), found, rms(wander[counted]), p95(error_then)

@@ -79,10 +79,6 @@ class ContactSeries(NamedTuple):
         return float(self.gap.min())
 
 
-FAR_CONTACTS = {"self": "itself", "hull": "the hull"}
-"""Parts other than obstacles that the arm may touch, as in the names of variables, and in words."""
-
-
 class BendingCycles(NamedTuple):
     """Cycles of the curvature where its range is largest, by rainflow counting (ASTM E1049-85)."""
 
@@ -107,9 +103,17 @@ class BendingCycles(NamedTuple):
         return float(self.ranges[0] * mean ** (1 / _EXPONENT))
 
 
-def base_load(result: Result, name: str) -> BaseLoad:
-    """Return the load ``base_force`` or ``base_moment``, by its magnitude."""
-    size = magnitude(result.dataset[name])
+def base_force(result: Result) -> BaseLoad:
+    """Return the force of the arm on its base, by its magnitude."""
+    return _base_load(magnitude(result.dataset["base_force"]))
+
+
+def base_moment(result: Result) -> BaseLoad:
+    """Return the moment of the arm on its base, by its magnitude."""
+    return _base_load(magnitude(result.dataset["base_moment"]))
+
+
+def _base_load(size: Float[np.ndarray, " time"]) -> BaseLoad:
     return BaseLoad(float(size.max()), rms(size), p95(size))
 
 
@@ -130,8 +134,18 @@ def contact(result: Result) -> ContactExtremes | None:
     return ContactExtremes(float(time.max()), float(force.max()), float(gap.min()), which)
 
 
+def self_contact(result: Result) -> ContactSeries | None:
+    """Return the contact of the arm with itself; None without any."""
+    return far_contact(result.dataset, "self")
+
+
+def hull_contact(result: Result) -> ContactSeries | None:
+    """Return the contact of the arm with the hull; None without any."""
+    return far_contact(result.dataset, "hull")
+
+
 def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
-    """Return the contact with one of `FAR_CONTACTS`; None without any."""
+    """Return the contact with one of `crinoid.results.metrics.FAR_CONTACTS`; None without any."""
     names = [f"{part}_force", f"{part}_gap"]
     if not set(names) <= set(data):
         return None

@@ -6,14 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from crinoid.results.metrics import MEASURES
+from crinoid.results.metrics import MEASURES, own_words
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
 
-_WORDS = {"rms": "RMS", "p95": "P95", "max": "largest", "min": "smallest"}
-_LABELS = {
-    "deflection": "steady tip error without control",
-    "work": "work of base and actuators",
-}
 _PREFIXED = ("s", "N", "N m", "J")
 _PLAIN = {"1": "", "m-1": "1/m", "s-1": "1/s"}
 _MAIN = (
@@ -36,15 +31,7 @@ def plain_number(value: float) -> str:
 
 def label_of(name: str) -> str:
     """Return the words of a measure, from its name in files."""
-    if name in _LABELS or name not in MEASURES:
-        return _LABELS.get(name) or name.replace("_", " ")
-    if name.endswith("_station"):
-        return f"station of {label_of(name.removesuffix('_station'))}"
-    words = name.removesuffix("_uncontrolled").split("_")
-    if words[-1] == "error" and "angle" not in words:
-        words.insert(-1, "tip")
-    free = " without control" if name.endswith("_uncontrolled") else ""
-    return " ".join(_WORDS.get(word, word) for word in words) + free
+    return MEASURES[name].words if name in MEASURES else own_words(name)
 
 
 def main_measures(names: Iterable[str]) -> list[str]:

@@ -1,19 +1,26 @@
-"""Registry of the measures of a run: errors of the tip, effort, loads and strains."""
+"""Registry of the measures of a run: errors of the tip, effort, loads and strains.
+
+It has no arrays: what reads a measure is loaded with the first run that it is read from.
+"""
+
+from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
-from crinoid.results import effort, errors, loads
-from crinoid.results.pressure import largest_pressure
-from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from crinoid.scenario.own_measure import OwnMeasure
+
+if TYPE_CHECKING:
+    from crinoid.results.result import Result
+
+_HERE = "crinoid.results."
 
 
 class RunStatistics:
@@ -21,77 +28,36 @@ class RunStatistics:
 
     def __init__(self, result: Result) -> None:
         self.result = result
+        self._found: dict[str, Any] = {}
 
-    @cached_property
-    def tip(self) -> errors.TipError:
-        """Errors of the tip's position."""
-        return errors.tip_error(self.result)
-
-    @cached_property
-    def uncontrolled(self) -> errors.TipError | None:
-        """Errors of the tip's position without control."""
-        other = self.result.uncontrolled
-        return None if other is None else errors.tip_error(other)
-
-    @cached_property
-    def angle(self) -> errors.TipError | None:
-        """Errors of the tip's direction; None in a result without its target."""
-        aims = {"tip_direction_target", "tip_angle_target"} & set(self.result.dataset)
-        return errors.angle_error(self.result) if aims else None
-
-    @cached_property
-    def force(self) -> loads.BaseLoad:
-        """Force of the arm on its base."""
-        return loads.base_load(self.result, "base_force")
-
-    @cached_property
-    def moment(self) -> loads.BaseLoad:
-        """Moment of the arm on its base."""
-        return loads.base_load(self.result, "base_moment")
-
-    @cached_property
-    def curvature(self) -> loads.Peak | None:
-        """Largest curvature."""
-        return loads.largest_curvature(self.result)
-
-    @cached_property
-    def strain(self) -> loads.Peak | None:
-        """Largest strain at the surface."""
-        return loads.largest_strain(self.result)
-
-    @cached_property
-    def cycles(self) -> loads.BendingCycles | None:
-        """Cycles of the curvature."""
-        return loads.bending_cycles(self.result)
-
-    @cached_property
-    def contact(self) -> loads.ContactExtremes | None:
-        """Contact with obstacles."""
-        return loads.contact(self.result)
-
-    @cached_property
-    def self_contact(self) -> loads.ContactSeries | None:
-        """Contact of the arm with itself."""
-        return loads.far_contact(self.result.dataset, "self")
-
-    @cached_property
-    def hull_contact(self) -> loads.ContactSeries | None:
-        """Contact of the arm with the hull."""
-        return loads.far_contact(self.result.dataset, "hull")
-
-    @cached_property
-    def vehicle(self) -> effort.VehicleUse | None:
-        """Use of a floating vehicle."""
-        return effort.vehicle_use(self.result)
+    def of(self, function: str) -> Any:
+        """Return a statistic: the value of a function of this folder, ``module:function``."""
+        if function not in self._found:
+            self._found[function] = resolve_name(_HERE + function)(self.result)
+        return self._found[function]
 
 
 class Measure(NamedTuple):
     """A scalar measure of a run."""
 
     unit: str
+    words: str
+    """Its label in tables and figures."""
     meaning: str
-    read: Callable[[RunStatistics], float | None]
-    """Returns None or NaN where a run has no such number."""
+    source: str | Callable[[Result], float | None]
+    """Function of a `Result` in this folder, as ``module:function``, or ``module:function.field``.
+
+    It returns None, and the field is None or NaN, where a run has no such number."""
+    smooth: str = ""
+    """Function in this folder with a derivative, of a `crinoid.results.smooth.SeenMotion`."""
+
+    def read(self, run: RunStatistics) -> float | None:
+        """Return the measure from the statistics of a run; None or NaN if it has no such number."""
+        if not isinstance(self.source, str):
+            return self.source(run.result)
+        function, _, field = self.source.partition(".")
+        found = run.of(function)
+        return getattr(found, field) if field and found is not None else found
 
     def of(self, result: Result) -> float | None:
         """Return the measure of a run; None where it has no such number."""
@@ -101,6 +67,12 @@ class Measure(NamedTuple):
     def attributes(self) -> dict[str, str]:
         """Its attributes in netCDF."""
         return {"units": self.unit, "long_name": self.meaning}
+
+
+def smooth_measure(function: str) -> Callable[[Any], Any]:
+    """Return a measure with a derivative, a function of a `crinoid.results.smooth.SeenMotion`."""
+    found: Callable[[Any], Any] = resolve_name(_HERE + function)
+    return found
 
 
 class Measures(NamedTuple):
@@ -119,92 +91,114 @@ def known(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _of(name: str, field: str) -> Callable[[RunStatistics], float | None]:
-    """Return a function that reads a field of some statistics, or None without them."""
-
-    def read(run: RunStatistics) -> float | None:
-        found = getattr(run, name)
-        return None if found is None else getattr(found, field)
-
-    return read
-
-
+FAR_CONTACTS = {"self": "itself", "hull": "the hull"}
+"""Parts other than obstacles that the arm may touch, as in the names of variables, and in words."""
 _TIP = "distance of the tip from its target, or from its start without one"
 _ANGLE = "angle of the tip from its target, or from its start without one"
 
 
 # fmt: off
 MEASURES = {
-    "rms_error": Measure("m", f"RMS {_TIP}", _of("tip", "rms")),
+    "rms_error": Measure(
+        "m", "RMS tip error", f"RMS {_TIP}", "errors:tip_error.rms", "smooth:rms_error"),
     "rms_error_uncontrolled": Measure(
-        "m", f"RMS {_TIP}, without control", _of("uncontrolled", "rms")),
-    "max_error": Measure("m", f"largest {_TIP}", _of("tip", "maximum")),
-    "p95_error": Measure("m", f"95th percentile of the {_TIP}", _of("tip", "p95")),
+        "m", "RMS tip error without control", f"RMS {_TIP}, without control",
+        "errors:uncontrolled_error.rms"),
+    "max_error": Measure(
+        "m", "largest tip error", f"largest {_TIP}",
+        "errors:tip_error.maximum", "smooth:max_error"),
+    "p95_error": Measure(
+        "m", "P95 tip error", f"95th percentile of the {_TIP}",
+        "errors:tip_error.p95", "smooth:p95_error"),
     "within_tolerance": Measure(
-        "1", "share of the time with the tip within target.tolerance",
-        lambda run: errors.within_tolerance(run.result)),
+        "1", "within tolerance", "share of the time with the tip within target.tolerance",
+        "errors:within_tolerance"),
     "steady_error": Measure(
-        "m", f"mean {_TIP}, over the last tenth of the run", _of("tip", "steady")),
+        "m", "steady tip error", f"mean {_TIP}, over the last tenth of the run",
+        "errors:tip_error.steady", "smooth:steady_error"),
     "fluctuation": Measure(
-        "m", "RMS distance of the tip from its own mean position", _of("tip", "fluctuation")),
+        "m", "fluctuation", "RMS distance of the tip from its own mean position",
+        "errors:tip_error.fluctuation", "smooth:fluctuation"),
     "deflection": Measure(
-        "m", "mean distance of the tip without control from where it should be, over the last "
-        "tenth", lambda run: errors.deflection(run.result)),
+        "m", "steady tip error without control",
+        "mean distance of the tip without control from where it should be, over the last tenth",
+        "errors:deflection"),
     "settling_time": Measure(
-        "s", "when the tip error last came into 5 % of the largest one",
-        lambda run: errors.settling_time(run.result)),
-    "rms_angle_error": Measure("rad", f"RMS {_ANGLE}", _of("angle", "rms")),
+        "s", "settling time", "when the tip error last came into 5 % of the largest one",
+        "errors:settling_time"),
+    "rms_angle_error": Measure(
+        "rad", "RMS angle error", f"RMS {_ANGLE}",
+        "errors:angle_error.rms", "smooth:rms_angle_error"),
     "max_angle_error": Measure(
-        "rad", f"largest {_ANGLE}", _of("angle", "maximum")),
+        "rad", "largest angle error", f"largest {_ANGLE}",
+        "errors:angle_error.maximum", "smooth:max_angle_error"),
     "work": Measure(
-        "J", "work of base and actuators on the arm, returned work not counted",
-        lambda run: effort.spent_work(run.result)),
+        "J", "work of base and actuators",
+        "work of base and actuators on the arm, returned work not counted", "effort:spent_work"),
     **{
         f"{kind}_base_{name}": Measure(
-            unit, f"{words} {name} of the arm on its base",
-            _of(name, "maximum" if kind == "max" else kind))
+            unit, f"{short} base {name}", f"{words} {name} of the arm on its base",
+            f"loads:base_{name}.{field}", f"smooth:rms_base_{name}" if kind == "rms" else "")
         for name, unit in (("force", "N"), ("moment", "N m"))
-        for kind, words in (("max", "largest"), ("rms", "RMS"), ("p95", "95th percentile of the"))
+        for kind, short, words, field in (
+            ("max", "largest", "largest", "maximum"), ("rms", "RMS", "RMS", "rms"),
+            ("p95", "P95", "95th percentile of the", "p95"))
     },
-    "max_curvature": Measure("m-1", "largest curvature of the arm", _of("curvature", "value")),
+    "max_curvature": Measure(
+        "m-1", "largest curvature", "largest curvature of the arm",
+        "loads:largest_curvature.value"),
     "max_curvature_station": Measure(
-        "m", "distance from the root at which it is largest", _of("curvature", "station")),
+        "m", "station of largest curvature", "distance from the root at which it is largest",
+        "loads:largest_curvature.station"),
     "max_strain": Measure(
-        "1", "largest strain at the arm's surface, from stretch and bending",
-        _of("strain", "value")),
+        "1", "largest strain", "largest strain at the arm's surface, from stretch and bending",
+        "loads:largest_strain.value"),
     "max_strain_station": Measure(
-        "m", "distance from the root at which it is largest", _of("strain", "station")),
+        "m", "station of largest strain", "distance from the root at which it is largest",
+        "loads:largest_strain.station"),
     "curvature_cycles": Measure(
-        "1", "number of cycles of the curvature where its range is largest",
-        _of("cycles", "number")),
+        "1", "curvature cycles", "number of cycles of the curvature where its range is largest",
+        "loads:bending_cycles.number"),
     "curvature_cycles_station": Measure(
-        "m", "distance from the root of that place", _of("cycles", "station")),
+        "m", "station of curvature cycles", "distance from the root of that place",
+        "loads:bending_cycles.station"),
     "equivalent_curvature_range": Measure(
-        "m-1", "range of as many equal cycles of the same damage",
-        _of("cycles", "equivalent_range")),
+        "m-1", "equivalent curvature range", "range of as many equal cycles of the same damage",
+        "loads:bending_cycles.equivalent_range"),
     "contact_time": Measure(
-        "s", "longest time in contact with an obstacle", _of("contact", "time")),
-    "max_contact_force": Measure("N", "largest force of an obstacle", _of("contact", "force")),
+        "s", "contact time", "longest time in contact with an obstacle", "loads:contact.time"),
+    "max_contact_force": Measure(
+        "N", "largest contact force", "largest force of an obstacle", "loads:contact.force"),
     "min_gap": Measure(
-        "m", "smallest distance of an obstacle from the arm's surface", _of("contact", "gap")),
+        "m", "smallest gap", "smallest distance of an obstacle from the arm's surface",
+        "loads:contact.gap"),
     **{
-        name.format(part): Measure(unit, f"{text} {words}", _of(f"{part}_contact", field))
-        for part, words in loads.FAR_CONTACTS.items()
-        for name, unit, text, field in (
-            ("{}_contact_time", "s", "time of the arm in contact with", "time"),
-            ("max_{}_force", "N", "largest force of the arm on", "largest_force"),
-            ("min_{}_gap", "m", "smallest distance of the arm from", "smallest_gap"))
+        name.format(part): Measure(
+            unit, short.format(part), f"{text} {words}", f"loads:{part}_contact.{field}")
+        for part, words in FAR_CONTACTS.items()
+        for name, unit, short, text, field in (
+            ("{}_contact_time", "s", "{} contact time", "time of the arm in contact with", "time"),
+            ("max_{}_force", "N", "largest {} force", "largest force of the arm on",
+             "largest_force"),
+            ("min_{}_gap", "m", "smallest {} gap", "smallest distance of the arm from",
+             "smallest_gap"))
     },
     "vehicle_excursion": Measure(
-        "m", "largest distance of the vehicle from where it started", _of("vehicle", "excursion")),
+        "m", "vehicle excursion", "largest distance of the vehicle from where it started",
+        "effort:vehicle_use.excursion"),
     "vehicle_turn": Measure(
-        "rad", "largest pan, tilt or roll of the vehicle from its start", _of("vehicle", "turn")),
-    "max_thrust": Measure("N", "largest force of the thrusters", _of("vehicle", "max_thrust")),
-    "rms_thrust": Measure("N", "RMS force of the thrusters", _of("vehicle", "rms_thrust")),
+        "rad", "vehicle turn", "largest pan, tilt or roll of the vehicle from its start",
+        "effort:vehicle_use.turn"),
+    "max_thrust": Measure(
+        "N", "largest thrust", "largest force of the thrusters", "effort:vehicle_use.max_thrust"),
+    "rms_thrust": Measure(
+        "N", "RMS thrust", "RMS force of the thrusters", "effort:vehicle_use.rms_thrust"),
     "thrust_limit_share": Measure(
-        "1", "share of the time with thrusters at a limit", _of("vehicle", "limit_share")),
+        "1", "thrust limit share", "share of the time with thrusters at a limit",
+        "effort:vehicle_use.limit_share"),
     "max_pressure": Measure(
-        "Pa", "largest pressure in a chamber", lambda run: largest_pressure(run.result)),
+        "Pa", "largest pressure", "largest pressure in a chamber",
+        "pressure:largest_pressure", "smooth:max_pressure"),
 }
 # fmt: on
 """The registry of measures, by their names in tables and files.
@@ -216,12 +210,17 @@ EFFORT = "RMS speed of the inputs, of means between saved instants"
 """Meaning of the speeds of `measured`."""
 
 
-def _own(measure: OwnMeasure) -> Callable[[RunStatistics], float | None]:
-    def read(run: RunStatistics) -> float | None:
-        complete = run.result.ended is Status.OK  # else its function may fail for lack of data
-        return measure.of(run.result.dataset) if complete else None
+def own_words(name: str) -> str:
+    """Return the label of a measure of a package, from its name."""
+    return name.replace("_", " ")
 
-    return read
+
+def _own(name: str, measure: OwnMeasure) -> Measure:
+    def of(result: Result) -> float | None:
+        complete = result.ended is Status.OK  # else its function may fail for lack of data
+        return measure.of(result.dataset) if complete else None
+
+    return Measure(measure.unit, own_words(name), measure.meaning, of)
 
 
 def measures_of(scenario: Scenario) -> dict[str, Measure]:
@@ -230,13 +229,13 @@ def measures_of(scenario: Scenario) -> dict[str, Measure]:
     A `ScenarioError` names a measure that is in no installed package.
     """
     own = scenario.output.own_measures(MEASURES)
-    return MEASURES | {
-        name: Measure(each.unit, each.meaning, _own(each)) for name, each in own.items()
-    }
+    return MEASURES | {name: _own(name, each) for name, each in own.items()}
 
 
 def measured(result: Result) -> Measures:
     """Return the measures of a run that has reached its end."""
+    from crinoid.results import effort  # loads JAX
+
     speed, run = effort.input_speed(result), RunStatistics(result)
     unit = effort.input_units(result.dataset)
     found = {name: measure.read(run) for name, measure in measures_of(result.scenario).items()}

@@ -11,7 +11,7 @@ import numpy as np
 
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
-from crinoid.results.effort import input_speed, input_units, input_use, speed_unit
+from crinoid.results.effort import input_speed, input_units, input_use, solver_use, speed_unit
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
 
@@ -92,15 +92,15 @@ def _of_run(result: Result) -> Iterator[tuple[str, SummaryEntry]]:
         values = values[:1] if name in ("rms_error_uncontrolled", "deflection") else values
         yield name, SummaryEntry(measure.unit, measure.meaning, *values)
     yield from _inputs(result)
-    simulated, steps, iterations, wall = zip(*map(_solver, runs), strict=True)
+    use = zip(*(solver_use(run.result) for run in runs), strict=True)
+    simulated, steps, iterations, wall = use
     yield (
         "judged_from",
         SummaryEntry("s", "time from which errors count", result.scenario.judged_from),
     )
     yield "simulated_time", SummaryEntry("s", "time that was simulated", *simulated)
     yield "time_steps", SummaryEntry("1", "number of time steps", *steps)
-    spent = [n / max(1, count) for n, count in zip(iterations, steps, strict=True)]
-    yield "newton_iterations", SummaryEntry("1", "Newton iterations a step", *spent)
+    yield "newton_iterations", SummaryEntry("1", "Newton iterations a step", *iterations)
     yield "wall_time", SummaryEntry("s", "computing time", *wall)
 
 
@@ -113,12 +113,6 @@ def _inputs(result: Result) -> Iterator[tuple[str, SummaryEntry]]:
         yield f"{name}.high", SummaryEntry(unit[name], f"highest value of {name}", use.high)
     for name, speed in input_speed(result).items():
         yield f"{name}.speed", SummaryEntry(speed_unit(unit[name]), f"RMS speed of {name}", speed)
-
-
-def _solver(run: RunStatistics) -> tuple[float, int, int, float]:
-    data = run.result.dataset
-    steps, iterations = (int(data[name].sum()) for name in ("steps", "newton_iterations"))
-    return float(data["time"][-1]), steps, iterations, float(data.attrs["wall_time"])
 
 
 def _at_rest(result: Result) -> Iterator[tuple[str, SummaryEntry]]:

@@ -1,17 +1,24 @@
 """Summary of a run in numbers, for its end and its page."""
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from crinoid.foundation.axes import ANGLES, CHANNELS
-from crinoid.results.effort import InputUse, input_use
+from crinoid.results.effort import InputUse, input_use, solver_use
 from crinoid.results.errors import TipError, error_word
-from crinoid.results.loads import FAR_CONTACTS
-from crinoid.results.measure_labels import label_of, unit_of
-from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
+from crinoid.results.loads import ContactExtremes
+from crinoid.results.measure_labels import unit_of
+from crinoid.results.metrics import (
+    FAR_CONTACTS,
+    MEASURES,
+    Measure,
+    RunStatistics,
+    known,
+    measures_of,
+)
 from crinoid.results.result import Result
 from crinoid.results.saturation import limit_shares
 from crinoid.results.scene.data import base_word
@@ -51,7 +58,8 @@ class RunSummary(NamedTuple):
 def summary(result: Result) -> RunSummary:
     """Summarise a run, and the one without control where it exists."""
     others = [] if result.uncontrolled is None else [result.uncontrolled]
-    table = _Table(result, [RunStatistics(run) for run in (result, *others)], [])
+    runs = [RunStatistics(run) for run in (result, *others)]
+    table = _Table(result, runs, measures_of(result.scenario), [])
     with np.errstate(all="ignore"):  # a run that diverged may hold huge numbers
         table.add_errors()
         table.add_inputs()
@@ -67,15 +75,28 @@ def summary(result: Result) -> RunSummary:
 
 
 class _Table(NamedTuple):
-    """Rows of a summary, filled from the registry of measures."""
+    """Rows of a summary, filled from the measures of a run and of the one without control."""
 
     result: Result
     runs: list[RunStatistics]
+    measures: Mapping[str, Measure]
     rows: list[list[str]]
 
     def measure(self, name: str) -> list[float | None]:
         """Return a measure of each run."""
-        return [known(MEASURES[name].read(run)) for run in self.runs]
+        return [known(self.measures[name].read(run)) for run in self.runs]
+
+    def unit(self, name: str) -> Unit:
+        """Return a readable unit of a measure of all runs."""
+        size = max(abs(value or 0.0) for value in self.measure(name))
+        return unit_of(self.measures[name].attributes, size)
+
+    def add_measure(
+        self, name: str, words: str = "", unit: Unit | None = None, *, nothing: float = math.inf
+    ) -> None:
+        """Add a measure, by default with its label and in a unit for its size."""
+        words, unit = words or self.measures[name].words, unit or self.unit(name)
+        self.add(words, self.measure(name), unit, nothing=nothing)
 
     def add(
         self,
@@ -102,20 +123,21 @@ class _Table(NamedTuple):
         word = error_word(scenario)
         if begin > 0:
             self.rows.append([f"{word} counts from", f"{begin:g} s"])
-        errors = [run.tip for run in self.runs]
-        unit = length_unit(max(known(error.maximum) or 0.0 for error in errors))
-        self._add_errors(word, errors, unit, _NOTHING * scenario.arm.length)
+        errors, nothing = "errors:tip_error", _NOTHING * scenario.arm.length
+        self._add_errors(word, errors, self.unit("max_error"), nothing)
         if (tolerance := scenario.target.tolerance) is not None:
             within = f"{word} within {length_unit(tolerance).text(tolerance)}"
-            self.add(within, self.measure("within_tolerance"), SHARE)
+            self.add_measure("within_tolerance", within)
         turns = {"angle", "direction"} & set(scenario.control.controlled)
         if scenario.control.kind != "none" and turns:
-            angles = [run.angle for run in self.runs if run.angle is not None]
-            self._add_errors("angle error", angles, DEGREES, _NOTHING)
+            self._add_errors("angle error", "errors:angle_error", DEGREES, _NOTHING)
 
-    def _add_errors(
-        self, name: str, errors: Sequence[TipError], unit: Unit, nothing: float
-    ) -> None:
+    def found(self, function: str) -> list[Any]:
+        """Return a statistic of each run that has it."""
+        return [found for run in self.runs if (found := run.of(function)) is not None]
+
+    def _add_errors(self, name: str, function: str, unit: Unit, nothing: float) -> None:
+        errors: list[TipError] = self.found(function)
         for words, field in _ERRORS.items():
             values = [known(getattr(error, field)) for error in errors]
             self.add(f"{name}, {words}", values, unit, nothing=nothing)
@@ -143,49 +165,38 @@ class _Table(NamedTuple):
 
     def add_loads(self) -> None:
         """Add loads on the base, curvature and strain, which count from the start."""
-        base = base_word(self.result.scenario)
-        for load, si in (("force", "N"), ("moment", "N m")):
-            most = si_unit(max(m or 0.0 for m in self.measure(f"max_base_{load}")), si)
+        base, length = base_word(self.result.scenario), self.result.scenario.arm.length
+        for load in ("force", "moment"):
+            unit = self.unit(f"max_base_{load}")
             for kind, label in _LOADS.items():
-                values = self.measure(f"{kind}_base_{load}")
-                self.add(
-                    label.format(load, base),
-                    values,
-                    most,
-                    nothing=_NOTHING,
-                )
-        arm = self.result.scenario.arm
-        along = length_unit(arm.length)
+                words = label.format(load, base)
+                self.add_measure(f"{kind}_base_{load}", words, unit, nothing=_NOTHING)
         for name, words, unit, nothing in (
-            ("max_curvature", "largest curvature", Unit(1.0, "1/m"), _NOTHING / arm.length),
+            ("max_curvature", "largest curvature", self.unit("max_curvature"), _NOTHING / length),
             ("max_strain", "largest surface strain", SHARE, _NOTHING),
         ):
-            values = self.measure(name)
-            if values[0] is not None and values[0] > nothing:
-                self.add(words, values, unit, nothing=nothing)
-                self.add(f"{words}, from root", self.measure(f"{name}_station"), along)
+            if (self.measure(name)[0] or 0.0) > nothing:
+                self.add_measure(name, words, unit, nothing=nothing)
+                self.add_measure(f"{name}_station", f"{words}, from root", length_unit(length))
         if (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
-            self.add("cycles of curvature", self.measure("curvature_cycles"), Unit(1.0, ""))
-            ranges = self.measure("equivalent_curvature_range")
-            self.add("equivalent curvature range", ranges, Unit(1.0, "1/m"), nothing=0.0)
+            self.add_measure("curvature_cycles", "cycles of curvature")
+            self.add_measure("equivalent_curvature_range", nothing=0.0)
 
     def add_vehicle(self) -> None:
         """Add the motion of a floating submarine, and the use of its thrusters."""
-        away = self.measure("vehicle_excursion")
-        unit = length_unit(max(value or 0.0 for value in away))
-        self.add("submarine's excursion", away, unit, nothing=_NOTHING)
-        self.add("submarine's turn", self.measure("vehicle_turn"), DEGREES, nothing=_NOTHING)
+        self.add_measure("vehicle_excursion", "submarine's excursion", nothing=_NOTHING)
+        self.add_measure("vehicle_turn", "submarine's turn", nothing=_NOTHING)
         vehicle = self.result.scenario.vehicle
         if vehicle is None or vehicle.hold == "free":
             return
         for name, words in (("max_thrust", "largest thrust"), ("rms_thrust", "thrust, RMS")):
-            values = self.measure(name)
-            self.add(words, values, si_unit(values[0] or 0.0, "N"), nothing=_NOTHING)
-        self.add("thrusters, time at limits", self.measure("thrust_limit_share"), SHARE)
+            unit = si_unit(self.measure(name)[0] or 0.0, "N")
+            self.add_measure(name, words, unit, nothing=_NOTHING)
+        self.add_measure("thrust_limit_share", "thrusters, time at limits")
 
     def add_contacts(self) -> None:
         """Add contacts with obstacles, and of which one each is."""
-        found = [run.contact for run in self.runs if run.contact is not None]
+        found: list[ContactExtremes] = self.found("loads:contact")
         if not found:
             return
         several = self.result.dataset["contact_time"].shape[-1] > 1
@@ -202,34 +213,24 @@ class _Table(NamedTuple):
     def add_far_contacts(self) -> None:
         """Add contact of the arm with itself and with the hull."""
         for part, words in FAR_CONTACTS.items():
-            for name, row in (
-                (f"{part}_contact_time", f"time in contact with {words}"),
-                (f"max_{part}_force", f"largest force on {words}"),
-                (f"min_{part}_gap", f"smallest gap from {words}"),
-            ):
-                values = self.measure(name)
-                most = max(abs(value or 0.0) for value in values)
-                self.add(row, values, unit_of(MEASURES[name].attributes, most))
+            self.add_measure(f"{part}_contact_time", f"time in contact with {words}")
+            self.add_measure(f"max_{part}_force", f"largest force on {words}")
+            self.add_measure(f"min_{part}_gap", f"smallest gap from {words}")
 
     def add_own(self) -> None:
         """Add the measures that a scenario names of packages."""
-        for name, measure in measures_of(self.result.scenario).items():
+        for name in self.measures:
             if name not in MEASURES:
-                values = [known(measure.read(run)) for run in self.runs]
-                most = max(abs(value or 0.0) for value in values)
-                self.add(label_of(name), values, unit_of(measure.attributes, most))
+                self.add_measure(name)
 
     def add_solver(self) -> None:
         """Add time steps, iterations and speed."""
-        data = [run.result.dataset for run in self.runs]
-        steps = [int(each["steps"].sum()) for each in data]
-        iterations = [int(each["newton_iterations"].sum()) for each in data]
-        times = [(float(each["time"][-1]), float(each.attrs["wall_time"])) for each in data]
-        spent = [f"{count / max(1, n):.2f}" for count, n in zip(iterations, steps, strict=True)]
-        self.rows.append(["simulated", *(f"{end:g} s" for end, _ in times)])
-        self.rows.append(["time steps", *map(str, steps)])
+        each = [solver_use(run.result) for run in self.runs]
+        self.rows.append(["simulated", *(f"{use.simulated:g} s" for use in each)])
+        self.rows.append(["time steps", *(str(use.steps) for use in each)])
+        spent = (f"{use.iterations_a_step:.2f}" for use in each)
         self.rows.append(["Newton iterations a step", *spent])
-        fast = [f"{end / max(1e-9, wall):.0f} x" for end, wall in times]
+        fast = (f"{use.simulated / max(1e-9, use.wall_time):.0f} x" for use in each)
         self.rows.append(["faster than real time", *fast])
 
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crinoid.results.loads import FAR_CONTACTS, far_contact
+from crinoid.results.loads import far_contact
+from crinoid.results.metrics import FAR_CONTACTS
 from crinoid.results.result import Result
 from crinoid.results.scene.data import find_obstacles
 from crinoid.results.units import largest, length_unit, si_unit

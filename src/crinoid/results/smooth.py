@@ -1,0 +1,118 @@
+"""Measures of a run with derivatives, for the rows of `crinoid.results.metrics` that name them."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.results.errors import steady_from
+
+_SHARPNESS = 100.0
+"""Weight of an instant falls by e where its value is less by the largest one over this."""
+_TINY = 1e-24
+"""Square that gives a root a derivative at zero."""
+
+Series = Float[Array, " judged"]
+Number = Float[Array, ""]
+
+
+class SeenMotion(eqx.Module):
+    """Quantities of the saved instants of a run, for measures."""
+
+    time: Float[Array, "*time"]
+    tip: Float[Array, "*time pose"]
+    error: Float[Array, "*time pose"]
+    force: Float[Array, "*time axis"]
+    moment: Float[Array, "*time turn"]
+    pressure: Float[Array, "*time thread"]
+    judged: int = eqx.field(static=True)
+    """Index of the first saved instant from which errors count."""
+
+    def distance(self) -> Series:
+        """Return the distance of the tip from its target (m)."""
+        return _length(self.error[self.judged :, : self.axes])
+
+    def angle(self) -> Series:
+        """Return the angle between the tip and its target (rad)."""
+        apart = _length(self.error[self.judged :, self.axes :])
+        # in space the error is the chord between two unit vectors
+        return apart if self.axes == 2 else 2 * jnp.arcsin(jnp.minimum(apart / 2, 1.0))
+
+    @property
+    def axes(self) -> int:
+        """2 or 3."""
+        return self.force.shape[-1]
+
+
+def _length(vectors: Float[Array, "instant axis"]) -> Float[Array, " instant"]:
+    return jnp.sqrt(jnp.sum(vectors**2, axis=1) + _TINY)
+
+
+def _rms(values: Float[Array, "*instant"]) -> Number:
+    return jnp.sqrt(jnp.mean(values**2) + _TINY)
+
+
+def _largest(values: Float[Array, "*instant"]) -> Number:
+    """Return the largest value, with the derivative of a smooth maximum.
+
+    The derivative of the largest value itself jumps where another instant becomes the largest.
+    """
+    top = jnp.max(values)
+    sharp = _SHARPNESS / jnp.maximum(jnp.abs(top), _TINY)
+    weight = jax.lax.stop_gradient(jax.nn.softmax(sharp * values.ravel()))
+    mean = weight @ values.ravel()
+    return jax.lax.stop_gradient(top - mean) + mean
+
+
+def rms_error(seen: SeenMotion) -> Number:
+    """Return the RMS distance of the tip from its target (m)."""
+    return _rms(seen.distance())
+
+
+def max_error(seen: SeenMotion) -> Number:
+    """Return the largest distance of the tip from its target (m)."""
+    return _largest(seen.distance())
+
+
+def p95_error(seen: SeenMotion) -> Number:
+    """Return the 95th percentile of the distance of the tip from its target (m)."""
+    return jnp.percentile(seen.distance(), 95.0)
+
+
+def steady_error(seen: SeenMotion) -> Number:
+    """Return the mean distance of the tip from its target over the last tenth of the run (m)."""
+    late = seen.time[seen.judged :] >= steady_from(seen.time)
+    return jnp.sum(jnp.where(late, seen.distance(), 0.0)) / jnp.sum(late)
+
+
+def fluctuation(seen: SeenMotion) -> Number:
+    """Return the RMS distance of the tip from its own mean position (m)."""
+    tip = seen.tip[seen.judged :, : seen.axes]
+    return _rms(_length(tip - jnp.mean(tip, axis=0)))
+
+
+def rms_angle_error(seen: SeenMotion) -> Number:
+    """Return the RMS angle between the tip and its target (rad)."""
+    return _rms(seen.angle())
+
+
+def max_angle_error(seen: SeenMotion) -> Number:
+    """Return the largest angle between the tip and its target (rad)."""
+    return _largest(seen.angle())
+
+
+def rms_base_force(seen: SeenMotion) -> Number:
+    """Return the RMS force of the arm on its base (N)."""
+    return _rms(_length(seen.force))
+
+
+def rms_base_moment(seen: SeenMotion) -> Number:
+    """Return the RMS moment of the arm on its base (N m)."""
+    return _rms(_length(seen.moment))
+
+
+def max_pressure(seen: SeenMotion) -> Number:
+    """Return the largest pressure in a chamber (Pa)."""
+    return _largest(jnp.abs(seen.pressure))
