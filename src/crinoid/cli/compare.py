@@ -35,7 +35,7 @@ from crinoid.studies.comparison import (
     compared_measures,
     comparison_rows,
 )
-from crinoid.studies.statistics import Difference, Mean
+from crinoid.studies.statistics import Differences, row_means
 from crinoid.view.figures.controllers import speed_unit
 
 
@@ -88,7 +88,7 @@ def comparison_table(data: xr.Dataset) -> Table:
 
     def add(name: str, values: xr.DataArray, unit: Unit) -> None:
         head = f"{name} ({unit.name})" if unit.name else name
-        rows.append((head, *(Mean.of(each).text(unit) for each in values.values)))
+        rows.append((head, *row_means(values.values).texts(unit)))
 
     for name in main_measures(compared_measures(data)):
         add(label_of(name), data[name], unit_for(data[name]))
@@ -109,9 +109,9 @@ def comparison_table(data: xr.Dataset) -> Table:
     rows.append(("time per tick", *ticks))
     if len(kinds) > 1:
         best = best_controller(data)
-        than = [Difference.of(values, rms.values[best]) for values in rms.values]
-        texts = [each.mean.text(length) for each in than]
-        chances = ["-" if np.isnan(each.p_value) else f"{each.p_value:.1g}" for each in than]
+        than = Differences.of(rms.values, rms.values[best])
+        texts = than.means.texts(length)
+        chances = ["-" if np.isnan(each) else f"{each:.1g}" for each in than.p_value.tolist()]
         texts[best] = chances[best] = "-"
         rows += [
             (f"RMS tip error less that of {kinds[best]} ({length.name})", *texts),

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import numpy as np
+import pandas as pd
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
@@ -42,6 +42,7 @@ from crinoid.results.metrics import (
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
+from crinoid.studies.statistics import seed_means
 from crinoid.studies.sweep.plan import SweepDesign
 
 _MOST_HELD = 20_000_000
@@ -148,11 +149,9 @@ def _means(
     """Return means of the runs that reached their end."""
     done = {run: rows[name] for run in range(1, plan.runs + 1) if (name := plan.name(run)) in rows}
     runs = [run for run, row in done.items() if Status.of(row["status"]) is Status.OK]
-    numbers = {
-        name: np.array([math.nan if done[run][name] == "" else done[run][name] for run in runs])
-        for name in registry
-    }
-    return SeedTables([plan.values(run) for run in runs], numbers, registry)
+    table = pd.DataFrame([done[run] for run in runs], columns=list(registry)).replace("", math.nan)
+    numbers = {name: table[name].to_numpy(float) for name in registry}
+    return SeedTables(seed_means(map(plan.values, runs), numbers, registry), registry)
 
 
 class _CaseRun(NamedTuple):

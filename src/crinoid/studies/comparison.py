@@ -21,7 +21,7 @@ from crinoid.simulation.loop import controller_cpu_time
 from crinoid.simulation.loop_margin import factor_for
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.measures import tabulated
-from crinoid.studies.statistics import Difference, Mean
+from crinoid.studies.statistics import Differences, row_means
 
 _CROSSOVER = 1.0
 """Frequency (Hz) at which the loop crosses over where the margin allows it."""
@@ -113,7 +113,7 @@ def compared_measures(data: xr.Dataset) -> list[str]:
 
 def best_controller(data: xr.Dataset) -> int:
     """Return the index of the controller with the smallest mean RMS error; 0 without any run."""
-    means = [Mean.of(errors).value for errors in data["rms_error"].values]
+    means = row_means(data["rms_error"].values).value
     return int(np.nanargmin(means)) if np.isfinite(means).any() else 0
 
 
@@ -125,16 +125,18 @@ def comparison_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
     """
     kinds, best = [str(kind) for kind in data["controller"].values], best_controller(data)
     for name in compared_measures(data):
-        for kind, values in zip(kinds, data[name].values, strict=True):
-            mean, than = Mean.of(values), Difference.of(values, data[name].values[best])
-            found = (*than.mean[:3], than.p_value) if kind != kinds[best] else (np.nan,) * 4
-            numbers = dict(zip(_NUMBERS, (*mean[:3], *found), strict=True))
+        values = data[name].values
+        means, than = row_means(values), Differences.of(values, values[best])
+        columns = np.stack([*means[:3], *than.means[:3], than.p_value])
+        columns[3:, best] = np.nan
+        for kind, runs, numbers in zip(kinds, means.runs.tolist(), columns.T.tolist(), strict=True):
+            named = zip(_NUMBERS, numbers, strict=True)
             yield {
                 "measure": name,
                 "units": data[name].attrs.get("units", "1"),
                 "controller": kind,
-                "runs": mean.seeds,
-                **{key: "" if np.isnan(number) else number for key, number in numbers.items()},
+                "runs": runs,
+                **{key: "" if math.isnan(number) else number for key, number in named},
                 "against": kinds[best],
             }
 

@@ -20,7 +20,7 @@ from crinoid.results.dataset import describe
 from crinoid.results.metrics import CASES, Measures, measures_of, write_rows
 from crinoid.studies.batch import coordinate
 from crinoid.studies.measures import measures_dataset, tabulated
-from crinoid.studies.statistics import MEANS
+from crinoid.studies.statistics import MEANS, records
 from crinoid.studies.sweep.plan import PLAN, Batch, SweepDesign
 
 
@@ -156,8 +156,7 @@ class SweepStore:
                 data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
         registry = measures_of(plan.scenario)
         columns = data[[*registry, "status"]].reset_coords(drop=True)
-        table = columns.to_dataframe().astype(object)
-        rows = enumerate(table.where(table.notna(), None).to_dict("records"), start=1)
+        rows = enumerate(records(columns.to_dataframe()), start=1)
         cases = (plan.row(run, row, row.pop("status"), plan.name(run)) for run, row in rows)
         write_rows(self.folder / CASES, cases)
         return data, [path, self.folder / CASES]
