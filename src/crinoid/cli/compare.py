@@ -59,8 +59,8 @@ def compare_controllers(
         if len(seeds) > 1 and np.isfinite(rms).all() and not np.ptp(rms, axis=1).any():
             notes = ["nothing in this scenario is random: all seeds give the same run"]
         of_runs = {
-            name: [note for note in notes if note not in found.doubts]
-            for name, notes in comparison.notes.items()
+            name: [note for note in arm.notes if note not in found.doubts]
+            for name, arm in comparison.runs.items()
         }
         rows = comparison_rows(data)
         paths = found.save(data, {COMPARISON_TABLE: lambda path: write_rows(path, rows)})
@@ -69,8 +69,8 @@ def compare_controllers(
         say_notes([*notes, *notes_of_cases(of_runs)])
         say_written(paths)
     failures = [
-        f"{kind} with seed {seed}: {arm.status}"
-        for (kind, seed), arm in comparison.runs.items()
+        f"{name}: {arm.status}"
+        for name, arm in comparison.runs.items()
         if Status.of(arm.status) not in (Status.OK, Status.INTERRUPTED)
     ]
     text, status = listed(failures, COMPARISON), str(data.attrs["status"])

@@ -18,8 +18,10 @@ from crinoid.results.own_files import is_own
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
-from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
-from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.scenario import Scenario, refusal
+from crinoid.scenario.errors import mistakes_at
+from crinoid.scenario.variation import case_words
+from crinoid.studies.design import Design
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
 
@@ -106,20 +108,13 @@ def solvable() -> Iterator[None]:
         raise refusal("", str(error)) from error
 
 
-def checked_runs(
-    plan: SweepDesign, runs: Iterable[int], key: str
-) -> Iterator[tuple[str, Prepared]]:
+def checked_runs(plan: Design, runs: Iterable[int], key: str) -> Iterator[tuple[str, Prepared]]:
     """Check runs of a plan, and yield each with its name; a mistake at ``key`` names its case."""
     measures_of(plan.scenario)  # refuses those that are in no package
     for run in runs:
-        try:
+        with mistakes_at(key, case_words(plan.values(run))):
             prepared = Prepared(plan.case(run))
             prepared.check()
-        except ScenarioError as error:
-            values = plan.values(run).items()
-            case = ", ".join(f"{name} = {shown(value)}" for name, value in values)
-            mistakes = [Mistake(key, f"case {case}: {mistake}") for mistake in error.mistakes]
-            raise ScenarioError(mistakes) from error
         yield plan.name(run), prepared
 
 

@@ -55,16 +55,39 @@ class Span:
         return ":".join(map(str, (self.first, self.last, *count, *([_LOG] if self.log else []))))
 
 
-def combination(choices: Mapping[str, Sequence[Any]], number: int) -> dict[str, Any]:
-    """Return one combination of choices, by key; the last key changes fastest.
+@dataclass(frozen=True)
+class Levels(Sequence[dict[str, Any]]):
+    """Levels of one key: what each of its values changes in a scenario."""
 
-    ``number`` is from 0 to the product of the counts of values less 1.
+    key: str
+    values: Sequence[Any]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, place: Any) -> Any:
+        return {self.key: self.values[place]}
+
+
+Axis = Sequence[Mapping[str, Any]]
+"""Levels of what varies together: values by dotted key."""
+
+
+def combination(axes: Sequence[Axis], number: int) -> dict[str, Any]:
+    """Return the values of one combination of levels; the last axis changes fastest.
+
+    ``number`` is from 0 to the product of the counts of levels less 1.
     """
-    found = {}
-    for key, values in reversed(list(choices.items())):
-        number, place = divmod(number, len(values))
-        found[key] = values[place]
-    return dict(reversed(found.items()))
+    found = []
+    for levels in reversed(axes):
+        number, place = divmod(number, len(levels))
+        found.append(levels[place])
+    return {key: value for level in reversed(found) for key, value in level.items()}
+
+
+def case_words(values: Mapping[str, Any]) -> str:
+    """Return the values of a case, as the beginning of a message about it."""
+    return f"case {', '.join(f'{key} = {shown(value)}' for key, value in values.items())}: "
 
 
 def read_variation(text: str) -> tuple[str, Span | list[Any]]:

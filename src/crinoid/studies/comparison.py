@@ -15,11 +15,13 @@ from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.sensor import InclinationSensor, inclination_sensor
+from crinoid.scenario.variation import Levels
 from crinoid.simulation import Progress
 from crinoid.simulation.batch import Arm, run_batch
 from crinoid.simulation.loop import controller_cpu_time
 from crinoid.simulation.loop_margin import factor_for
 from crinoid.simulation.setup import Setup, set_up
+from crinoid.studies.design import SEED, Design
 from crinoid.studies.measures import tabulated
 from crinoid.studies.statistics import Differences, row_means
 
@@ -36,7 +38,12 @@ _STATIONS = tuple(station / 10 for station in range(11))
 
 
 def controlled_by(scenario: Scenario, kind: str) -> Scenario:
-    """Return a scenario under a kind of controller, and without the run for comparison.
+    """Return a scenario under a kind of controller: with the values of `controller_values`."""
+    return scenario.with_values(controller_values(scenario, kind))
+
+
+def controller_values(scenario: Scenario, kind: str) -> dict[str, Any]:
+    """Return the values of a scenario under a kind of controller, without the run for comparison.
 
     A PID without gains in the scenario drives every input that moves the controlled quantities, all
     with the same gains. Through the static Jacobian each of them sees a plant of gain one, so
@@ -54,7 +61,7 @@ def controlled_by(scenario: Scenario, kind: str) -> Scenario:
         sensor = InclinationSensor(kind="inclination", stations=_STATIONS)
         values["sensors"] = [*scenario.sensors, sensor]
     if kind != "pid" or scenario.control.pid.present:
-        return scenario.with_values(values)
+        return values
     start = 2 * math.pi * _CROSSOVER
     names, setup = _driven(scenario, values)
     if setup is not None and setup.open_loop is not None and setup.modes is not None:
@@ -66,7 +73,7 @@ def controlled_by(scenario: Scenario, kind: str) -> Scenario:
             # two digits, rounded down
             unit = 10.0 ** (math.floor(math.log10(factor * start)) - 1)
             ki = float(f"{math.floor(factor * start / unit + 1e-9) * unit:.6g}")
-            return scenario.with_values(values | {"control.pid": _gains(names, ki, first)})
+            return values | {"control.pid": _gains(names, ki, first)}
     text = "missing, and no default gains leave a margin. Set gains for kind pid."
     raise refusal("control.pid", text)
 
@@ -145,15 +152,19 @@ class ControllerComparison:
     """A scenario of one case under several kinds of controllers (`controlled_by`), over seeds."""
 
     def __init__(self, scenario: Source, kinds: Sequence[str], seeds: Sequence[int]) -> None:
-        self.scenario, self.seeds = scenario_of(scenario), list(seeds)
-        first = self.scenario.with_values({"seed": self.seeds[0]})
-        self.cases = {kind: controlled_by(first, kind) for kind in kinds}
-        self.controller_cpu_time = dict.fromkeys(self.cases, math.nan)  # without a start
-        for kind, case in self.cases.items():
-            setup = set_up(Prepared(case))
-            if setup.outcome.converged:
-                self.controller_cpu_time[kind] = controller_cpu_time(setup.loop, setup.state)
-        self.arms: dict[str, list[Arm[Measures]]] = {}
+        self.scenario, self.kinds = scenario_of(scenario), list(kinds)
+        first = self.scenario.with_values({SEED: seeds[0]})
+        under = [controller_values(first, kind) for kind in kinds]
+        self.design = Design(self.scenario, {"controller": under, SEED: Levels(SEED, seeds)})
+        self.controller_cpu_time = []
+        """NaN without a start."""
+        for row in range(len(kinds)):
+            setup = set_up(Prepared(self.design.case(row * len(seeds) + 1)))
+            started = setup.outcome.converged
+            time = controller_cpu_time(setup.loop, setup.state) if started else math.nan
+            self.controller_cpu_time.append(time)
+        self.arms: list[Arm[Measures]] = []
+        """Outcomes of the first runs of the design."""
         self.has_runs = False
         """Whether a run has reached its end."""
 
@@ -171,54 +182,46 @@ class ControllerComparison:
             self.has_runs = True
             return measures
 
-        for kind, case in self.cases.items():
+        seeds = len(self.design.axes[SEED])
+        for row, kind in enumerate(self.kinds):
             if stop():
                 break
-            scenarios = [case.with_values({"seed": seed}) for seed in self.seeds]
-            self.arms[kind] = run_batch(scenarios, take, label=kind, report=report, stop=stop)
+            cases = [self.design.case(row * seeds + column) for column in range(1, seeds + 1)]
+            self.arms += run_batch(cases, take, label=kind, report=report, stop=stop)
 
     @property
-    def notes(self) -> dict[str, list[str]]:
-        """Notes on each run, by its name."""
-        return {f"{kind} with seed {seed}": arm.notes for (kind, seed), arm in self.runs.items()}
-
-    @property
-    def runs(self) -> dict[tuple[str, int], Arm[Measures]]:
-        """Results of the runs so far, by controller and seed."""
-        return {
-            (kind, seed): arm
-            for kind, arms in self.arms.items()
-            for seed, arm in zip(self.seeds, arms, strict=True)
-        }
+    def runs(self) -> dict[str, Arm[Measures]]:
+        """Results of the runs so far, by their names."""
+        seeds = [level[SEED] for level in self.design.axes[SEED]]
+        names = (f"{kind} with seed {seed}" for kind in self.kinds for seed in seeds)
+        return dict(zip(names, self.arms, strict=False))
 
     def dataset(self) -> xr.Dataset:
         """Return the measures of all runs; NaN of one that did not reach its end."""
-        size = (len(self.cases), len(self.seeds))
-        status = np.full(size, f"{Status.INTERRUPTED} before it began", object)
-        complete = {}
-        for row, kind in enumerate(self.cases):
-            for column, arm in enumerate(self.arms.get(kind, [])):
-                status[row, column] = arm.status
-                if arm.taken is not None:
-                    complete[row, column] = arm.taken
+        seeds = [level[SEED] for level in self.design.axes[SEED]]
+        none: Arm[Measures] = Arm(None, f"{Status.INTERRUPTED} before it began", [])
+        arms = [*self.arms, *[none] * (self.design.runs - len(self.arms))]
+        status = np.array([arm.status for arm in arms], object).reshape(-1, len(seeds))
         registry = measures_of(self.scenario)
         if not {"angle", "direction"} & set(self.scenario.control.controlled):
             registry = {name: each for name, each in registry.items() if name not in _OF_ANGLE}
-        data = tabulated(("controller", "seed"), complete, status, registry)
-        if complete:
+        found = [arm.taken for arm in arms]
+        data = tabulated(("controller", SEED), found, status, registry)
+        if self.has_runs:
             unknown = [name for name in registry if not np.isfinite(data[name]).any()]
             data = data.drop_vars(unknown)
         data["tick_time"] = (
             "controller",
-            list(self.controller_cpu_time.values()),
+            self.controller_cpu_time,
             {"units": "s", "long_name": "time of a command", "comment": _TICK},
         )
+        firsts = [self.design.case(run) for run in range(1, self.design.runs + 1, len(seeds))]
         data["controller_scenario"] = (
             "controller",
-            np.array([case.to_toml() for case in self.cases.values()], object),
+            np.array([case.to_toml() for case in firsts], object),
             {"long_name": "scenario as run with the first seed"},
         )
         return data.assign_coords(
-            controller=("controller", list(self.cases), {"long_name": "kind of controller"}),
-            seed=("seed", self.seeds, {"long_name": "seed of everything random"}),
+            controller=("controller", self.kinds, {"long_name": "kind of controller"}),
+            seed=(SEED, seeds, {"long_name": "seed of everything random"}),
         ).assign_attrs(describe(self.scenario) | {"status": summed(status.flat)})

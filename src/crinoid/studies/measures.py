@@ -45,22 +45,27 @@ def stacked(runs: Sequence[xr.Dataset | None]) -> xr.Dataset:
 
 def tabulated(
     over: tuple[str, ...],
-    found: Mapping[Any, Measures],
+    found: Sequence[Measures | None],
     status: np.ndarray,
     registry: Mapping[str, Measure],
     along: str = "input",
 ) -> xr.Dataset:
     """Return the measures of many runs ``over`` some dimensions; NaN of a run that has none.
 
-    They are given by the indices of their runs, the ``status`` of each run as an array; the inputs
-    that can move are ``along`` a dimension.
+    They are ordered as the ``status`` of each run in its array, the last dimension changing
+    fastest; the inputs that can move are ``along`` a dimension.
     """
+    there = [
+        (place, measures)
+        for place, measures in zip(np.ndindex(status.shape), found, strict=True)
+        if measures is not None
+    ]
     unit: dict[str, str] = {}
-    for measures in found.values():
+    for _, measures in there:
         unit |= measures.unit
     numbers = {name: np.full(status.shape, np.nan) for name in registry}
     effort = np.full((*status.shape, len(unit)), np.nan)
-    for place, measures in found.items():
+    for place, measures in there:
         for name, values in numbers.items():
             values[place] = measures.numbers[name]
         effort[place] = [measures.speed.get(name, np.nan) for name in unit]

@@ -14,12 +14,12 @@ from scipy.special import stdtr, stdtrit
 from crinoid.results.extremes import Gumbel, ReturnLevel
 from crinoid.results.metrics import Measure
 from crinoid.results.units import Unit
+from crinoid.studies.design import SEED
 
 MEANS = "means.csv"
 _EXTREME = ("extreme", "extreme_low", "extreme_high")
 MEAN_COLUMNS = ("measure", "units", "runs", "mean", "low", "high", *_EXTREME)
 """Columns of ``means.csv`` after the keys that vary."""
-SEED = "seed"
 _CONFIDENCE = 0.95
 RUNS = 100
 """Runs of which one exceeds the estimated extreme, on average."""

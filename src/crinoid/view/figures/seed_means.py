@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import main_measures, plain_number
 from crinoid.results.metrics import MEASURES
-from crinoid.studies.statistics import SEED, means_of
+from crinoid.studies.design import SEED
+from crinoid.studies.statistics import means_of
 from crinoid.view.figures import style
 from crinoid.view.figures.study import Key, Study, StudyMeasure
 

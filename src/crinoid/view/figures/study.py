@@ -20,7 +20,7 @@ from crinoid.results.report_error import ReportError
 from crinoid.results.units import Unit, largest
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
-from crinoid.studies.statistics import SEED
+from crinoid.studies.design import SEED
 from crinoid.view.figures.run import RESULT
 
 CaseNumbers = Float[np.ndarray, " case"]
