@@ -302,8 +302,9 @@ class Scenario(Model):
         return max(1, round(interval / self.simulation.time_step))
 
     def _combinations(self) -> list[dict[str, Any]]:
-        axes = [Levels(key, values) for key, values in self.vary.items()]
-        return [combination(axes, number) for number in range(prod(map(len, axes)))]
+        axes = [Levels.of(key, values) for key, values in self.vary.items()]
+        count = prod(map(len, self.vary.values()))
+        return [combination(axes, number) for number in range(count)]
 
     def _conflicts(self) -> Iterator[Mistake]:
         mistakes = list(dimension_conflicts(self, self.arm.dimension))

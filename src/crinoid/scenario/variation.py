@@ -1,7 +1,7 @@
 """Variations: lists and ranges of values, and their combinations."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -56,32 +56,28 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Levels(Sequence[dict[str, Any]]):
-    """Levels of one key: what each of its values changes in a scenario."""
+class Levels:
+    """Levels of what varies together, made when they are asked for."""
 
-    key: str
-    values: Sequence[Any]
+    count: int
+    at: Callable[[int], dict[str, Any]]
+    """The values of a level by dotted key."""
 
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def __getitem__(self, place: Any) -> Any:
-        return {self.key: self.values[place]}
-
-
-Axis = Sequence[Mapping[str, Any]]
-"""Levels of what varies together: values by dotted key."""
+    @staticmethod
+    def of(key: str, values: Sequence[Any]) -> "Levels":
+        """Return the levels of one key."""
+        return Levels(len(values), lambda place: {key: values[place]})
 
 
-def combination(axes: Sequence[Axis], number: int) -> dict[str, Any]:
+def combination(axes: Sequence[Levels], number: int) -> dict[str, Any]:
     """Return the values of one combination of levels; the last axis changes fastest.
 
     ``number`` is from 0 to the product of the counts of levels less 1.
     """
     found = []
     for levels in reversed(axes):
-        number, place = divmod(number, len(levels))
-        found.append(levels[place])
+        number, place = divmod(number, levels.count)
+        found.append(levels.at(place))
     return {key: value for level in reversed(found) for key, value in level.items()}
 
 

@@ -43,8 +43,8 @@ def batch_of(
         raise refusal("seeds", f"excludes over[{shown(SEED)}]. Pass one of the two.")
     rows = zip(*columns.values(), strict=True)
     entries = [dict(zip(columns, row, strict=True)) for row in rows] if columns else [{}]
-    repeated = {} if drawn is None else {SEED: Levels(SEED, drawn)}
-    design = Design(scenario, {"over": entries} | repeated)
+    repeated = {} if drawn is None else {SEED: Levels.of(SEED, drawn)}
+    design = Design(scenario, {"over": Levels(len(entries), entries.__getitem__)} | repeated)
     repeats, cases = design.runs // len(entries), []
     for run in range(design.runs):
         with mistakes_at("", f"over: entry {run // repeats}, "):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -155,11 +156,13 @@ class ControllerComparison:
         self.scenario, self.kinds = scenario_of(scenario), list(kinds)
         first = self.scenario.with_values({SEED: seeds[0]})
         under = [controller_values(first, kind) for kind in kinds]
-        self.design = Design(self.scenario, {"controller": under, SEED: Levels(SEED, seeds)})
+        axes = {"controller": Levels(len(under), under.__getitem__), SEED: Levels.of(SEED, seeds)}
+        self.design, self.seeds = Design(self.scenario, axes), list(seeds)
+        self._firsts = [self.design.case(run) for run in range(1, self.design.runs + 1, len(seeds))]
         self.controller_cpu_time = []
         """NaN without a start."""
-        for row in range(len(kinds)):
-            setup = set_up(Prepared(self.design.case(row * len(seeds) + 1)))
+        for case in self._firsts:
+            setup = set_up(Prepared(case))
             started = setup.outcome.converged
             time = controller_cpu_time(setup.loop, setup.state) if started else math.nan
             self.controller_cpu_time.append(time)
@@ -182,26 +185,24 @@ class ControllerComparison:
             self.has_runs = True
             return measures
 
-        seeds = len(self.design.axes[SEED])
-        for row, kind in enumerate(self.kinds):
+        runs = iter(range(1, self.design.runs + 1))
+        for kind in self.kinds:
             if stop():
                 break
-            cases = [self.design.case(row * seeds + column) for column in range(1, seeds + 1)]
+            cases = [self.design.case(run) for run in islice(runs, len(self.seeds))]
             self.arms += run_batch(cases, take, label=kind, report=report, stop=stop)
 
     @property
     def runs(self) -> dict[str, Arm[Measures]]:
         """Results of the runs so far, by their names."""
-        seeds = [level[SEED] for level in self.design.axes[SEED]]
-        names = (f"{kind} with seed {seed}" for kind in self.kinds for seed in seeds)
+        names = (f"{kind} with seed {seed}" for kind in self.kinds for seed in self.seeds)
         return dict(zip(names, self.arms, strict=False))
 
     def dataset(self) -> xr.Dataset:
         """Return the measures of all runs; NaN of one that did not reach its end."""
-        seeds = [level[SEED] for level in self.design.axes[SEED]]
         none: Arm[Measures] = Arm(None, f"{Status.INTERRUPTED} before it began", [])
         arms = [*self.arms, *[none] * (self.design.runs - len(self.arms))]
-        status = np.array([arm.status for arm in arms], object).reshape(-1, len(seeds))
+        status = np.array([arm.status for arm in arms], object).reshape(-1, len(self.seeds))
         registry = measures_of(self.scenario)
         if not {"angle", "direction"} & set(self.scenario.control.controlled):
             registry = {name: each for name, each in registry.items() if name not in _OF_ANGLE}
@@ -215,13 +216,12 @@ class ControllerComparison:
             self.controller_cpu_time,
             {"units": "s", "long_name": "time of a command", "comment": _TICK},
         )
-        firsts = [self.design.case(run) for run in range(1, self.design.runs + 1, len(seeds))]
         data["controller_scenario"] = (
             "controller",
-            np.array([case.to_toml() for case in firsts], object),
+            np.array([case.to_toml() for case in self._firsts], object),
             {"long_name": "scenario as run with the first seed"},
         )
         return data.assign_coords(
             controller=("controller", self.kinds, {"long_name": "kind of controller"}),
-            seed=(SEED, seeds, {"long_name": "seed of everything random"}),
+            seed=(SEED, self.seeds, {"long_name": "seed of everything random"}),
         ).assign_attrs(describe(self.scenario) | {"status": summed(status.flat)})

@@ -14,7 +14,7 @@ import numpy as np
 from crinoid.scenario import Scenario
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
-from crinoid.scenario.variation import Axis, Levels, combination
+from crinoid.scenario.variation import Levels, combination
 
 SEED = "seed"
 """Key of everything random."""
@@ -29,24 +29,24 @@ class Design:
 
     scenario: Scenario
     """One case."""
-    axes: Mapping[str, Axis]
+    axes: Mapping[str, Levels]
     """By name, what varies: at each level the values of one key or of several."""
 
     @staticmethod
     def of_vary(scenario: Scenario) -> Design:
         """Return the cases of a scenario with ``vary``."""
-        axes = {key: Levels(key, values) for key, values in scenario.vary.items()}
+        axes = {key: Levels.of(key, values) for key, values in scenario.vary.items()}
         return Design(scenario.with_values({}), axes)
 
     @cached_property
     def runs(self) -> int:
         """Number of runs."""
-        return prod(map(len, self.axes.values()))
+        return prod(levels.count for levels in self.axes.values())
 
     @property
     def keys(self) -> list[str]:
         """Keys that differ between runs."""
-        return [key for levels in self.axes.values() for key in levels[0]]
+        return [key for levels in self.axes.values() for key in levels.at(0)]
 
     def values(self, run: int) -> dict[str, Any]:
         """Return the values of a run by key."""

@@ -55,20 +55,13 @@ def tabulated(
     They are ordered as the ``status`` of each run in its array, the last dimension changing
     fastest; the inputs that can move are ``along`` a dimension.
     """
-    there = [
-        (place, measures)
-        for place, measures in zip(np.ndindex(status.shape), found, strict=True)
-        if measures is not None
-    ]
-    unit: dict[str, str] = {}
-    for _, measures in there:
-        unit |= measures.unit
-    numbers = {name: np.full(status.shape, np.nan) for name in registry}
-    effort = np.full((*status.shape, len(unit)), np.nan)
-    for place, measures in there:
-        for name, values in numbers.items():
-            values[place] = measures.numbers[name]
-        effort[place] = [measures.speed.get(name, np.nan) for name in unit]
+    unit = {name: text for each in found if each for name, text in each.unit.items()}
+    numbers = {
+        name: np.reshape([each.numbers[name] if each else np.nan for each in found], status.shape)
+        for name in registry
+    }
+    speeds = [[each.speed.get(name, np.nan) if each else np.nan for name in unit] for each in found]
+    effort = np.reshape(np.array(speeds, float), (*status.shape, len(unit)))
     return measures_dataset(over, numbers, registry, effort, unit, status, along)
 
 

@@ -18,7 +18,7 @@ from crinoid.scenario import Scenario, ScenarioError, got, one_of, refusal, show
 from crinoid.scenario.document import digests, parse, value_at
 from crinoid.scenario.errors import mistakes_at
 from crinoid.scenario.library import Source, scenario_of
-from crinoid.scenario.variation import Axis, Levels, Span, case_words, read_variation
+from crinoid.scenario.variation import Levels, Span, case_words, read_variation
 from crinoid.studies.design import SEED, Design
 from crinoid.studies.sweep.sampling import SAMPLINGS, points_of, sample
 
@@ -46,26 +46,6 @@ class Batch(NamedTuple):
     """Index of their structure."""
 
 
-class _Samples(Sequence[dict[str, Any]]):
-    """Points of spans that are sampled together, drawn when they are asked for."""
-
-    def __init__(self, spans: Mapping[str, Span], kind: str, count: int, seed: int) -> None:
-        self._spans, self._how = spans, (kind, count, len(spans), seed)
-        self._points = points_of(kind, count, len(spans))
-
-    def __len__(self) -> int:
-        return self._points
-
-    def __getitem__(self, place: Any) -> Any:
-        spans = zip(self._spans.items(), self.parts[place], strict=True)
-        return {key: span.at(float(part)) for (key, span), part in spans}
-
-    @cached_property
-    def parts(self) -> Float[np.ndarray, "point key"]:
-        """The parts of the ranges, from 0 to 1."""
-        return sample(*self._how)
-
-
 @dataclass(frozen=True)
 class SweepDesign(Design):
     """All runs of a sweep: every combination of values, samples and seeds.
@@ -73,7 +53,7 @@ class SweepDesign(Design):
     The ``seed`` of the scenario is the first of the seeds, and draws the samples.
     """
 
-    axes: Mapping[str, Axis] = field(init=False, repr=False, compare=False)
+    axes: Mapping[str, Levels] = field(init=False, repr=False, compare=False)
     varied: Mapping[str, Span | list[Any]] = field(default_factory=dict)
     """Values of each key that varies: a list, or a `Span`, which without a count is sampled."""
     sampling: str = "grid"
@@ -89,17 +69,17 @@ class SweepDesign(Design):
 
     def __post_init__(self) -> None:
         """Set the axes: values of keys, samples, seeds."""
-        axes: dict[str, Axis] = {
-            key: Levels(key, values.values() if isinstance(values, Span) else values)
+        axes: dict[str, Levels] = {
+            key: Levels.of(key, values.values() if isinstance(values, Span) else values)
             for key, values in self.varied.items()
             if key not in self._spans
         }
         if self._spans:
-            how = self.sampling, self.count, self.scenario.seed
-            axes[_SAMPLE] = _Samples(self._spans, *how)
+            points = points_of(self.sampling, self.count, len(self._spans))
+            axes[_SAMPLE] = Levels(points, self._sampled)
         if self.seeds > 1:
             first = self.scenario.seed
-            axes[SEED] = Levels(SEED, range(first, first + self.seeds))
+            axes[SEED] = Levels.of(SEED, range(first, first + self.seeds))
         object.__setattr__(self, "axes", axes)
 
     @staticmethod
@@ -160,7 +140,7 @@ class SweepDesign(Design):
 
     def by_point(self, values: Float[np.ndarray, " run"]) -> Float[np.ndarray, "point other"]:
         """Return a number of each run by the sampled point, and by all else that varies."""
-        sizes = {name: len(levels) for name, levels in self.axes.items()}
+        sizes = {name: levels.count for name, levels in self.axes.items()}
         found = np.moveaxis(values.reshape(*sizes.values()), list(sizes).index(_SAMPLE), 0)
         return found.reshape(sizes[_SAMPLE], -1)
 
@@ -176,14 +156,15 @@ class SweepDesign(Design):
     @cached_property
     def structures(self) -> list[Int[np.ndarray, " run"]]:
         """The runs that share their compiled programs, judged by their values."""
-        sizes = tuple(map(len, self.axes.values()))
+        sizes = [levels.count for levels in self.axes.values()]
         places = np.unravel_index(np.arange(self.runs), sizes) if sizes else ()
         structure = np.zeros(self.runs, np.int64)
         for (name, levels), place in zip(self.axes.items(), places, strict=True):
             if name not in self._structural:
                 continue
             kinds: dict[str, int] = {}
-            of_each = [kinds.setdefault(repr(each), len(kinds)) for each in levels]
+            words = (repr(levels.at(number)) for number in range(levels.count))
+            of_each = [kinds.setdefault(each, len(kinds)) for each in words]
             structure = structure * len(kinds) + np.array(of_each)[place]
         order = np.argsort(structure, kind="stable")
         return np.split(order + 1, np.flatnonzero(np.diff(structure[order])) + 1)
@@ -195,13 +176,15 @@ class SweepDesign(Design):
         """
         found = {int(runs[0]) for runs in self.structures}
         stride = 1
-        for levels in reversed(self.axes.values()):
-            if isinstance(levels, _Samples):
-                places = np.concatenate((levels.parts.argmin(axis=0), levels.parts.argmax(axis=0)))
+        for name, levels in reversed(self.axes.items()):
+            if name == _SAMPLE:
+                places = np.concatenate(
+                    (self._samples.argmin(axis=0), self._samples.argmax(axis=0))
+                )
             else:
-                places = np.linspace(0, len(levels) - 1, min(most, len(levels))).astype(int)
+                places = np.linspace(0, levels.count - 1, min(most, levels.count)).astype(int)
             found.update(int(place) * stride + 1 for place in places)
-            stride *= len(levels)
+            stride *= levels.count
         return sorted(found)
 
     def to_toml(self) -> str:
@@ -249,7 +232,7 @@ class SweepDesign(Design):
     def _check_runs(self) -> None:
         if self.runs > MOST_RUNS:
             raise refusal("--vary", f"makes {self.runs} runs; must make at most {MOST_RUNS}")
-        structures = prod(len(self.axes[key]) for key in self._structural)
+        structures = prod(self.axes[key].count for key in self._structural)
         batches = max(structures, -(-self.runs // self.batch))
         if batches > _MOST_FILES:
             text = f"makes {batches} batches, a file each; must make at most {_MOST_FILES}"
@@ -262,12 +245,20 @@ class SweepDesign(Design):
         return {
             key
             for key, levels in self.axes.items()
-            if key not in (_SAMPLE, SEED) and not _is_number(self.scenario, key, levels[0][key])
+            if key not in (_SAMPLE, SEED) and not _is_number(self.scenario, key, levels.at(0)[key])
         }
 
     @cached_property
     def _spans(self) -> dict[str, Span]:
         return {k: v for k, v in self.varied.items() if isinstance(v, Span) and v.count is None}
+
+    @cached_property
+    def _samples(self) -> Float[np.ndarray, "point key"]:
+        return sample(self.sampling, self.count, len(self._spans), self.scenario.seed)
+
+    def _sampled(self, place: int) -> dict[str, Any]:
+        parts = zip(self._spans.items(), self._samples[place], strict=True)
+        return {key: span.at(float(part)) for (key, span), part in parts}
 
 
 def read_plan(folder: Path) -> SweepDesign:
