@@ -35,7 +35,7 @@ from crinoid.studies.comparison import (
     compared_measures,
     comparison_rows,
 )
-from crinoid.studies.statistics import Differences, row_means
+from crinoid.studies.statistics import differences, row_means
 from crinoid.view.figures.controllers import speed_unit
 
 
@@ -109,9 +109,9 @@ def comparison_table(data: xr.Dataset) -> Table:
     rows.append(("time per tick", *ticks))
     if len(kinds) > 1:
         best = best_controller(data)
-        than = Differences.of(rms.values, rms.values[best])
-        texts = than.means.texts(length)
-        chances = ["-" if np.isnan(each) else f"{each:.1g}" for each in than.p_value.tolist()]
+        than, p_values = differences(rms.values, rms.values[best])
+        texts = than.texts(length)
+        chances = ["-" if np.isnan(each) else f"{each:.1g}" for each in p_values.tolist()]
         texts[best] = chances[best] = "-"
         rows += [
             (f"RMS tip error less that of {kinds[best]} ({length.name})", *texts),

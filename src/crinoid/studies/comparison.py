@@ -24,7 +24,7 @@ from crinoid.simulation.loop_margin import factor_for
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.design import SEED, Design
 from crinoid.studies.measures import tabulated
-from crinoid.studies.statistics import Differences, row_means
+from crinoid.studies.statistics import differences, row_means
 
 _CROSSOVER = 1.0
 """Frequency (Hz) at which the loop crosses over where the margin allows it."""
@@ -134,8 +134,8 @@ def comparison_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
     kinds, best = [str(kind) for kind in data["controller"].values], best_controller(data)
     for name in compared_measures(data):
         values = data[name].values
-        means, than = row_means(values), Differences.of(values, values[best])
-        columns = np.stack([*means[:3], *than.means[:3], than.p_value])
+        means, (than, p_values) = row_means(values), differences(values, values[best])
+        columns = np.stack([*means[:3], *than[:3], p_values])
         columns[3:, best] = np.nan
         for kind, runs, numbers in zip(kinds, means.runs.tolist(), columns.T.tolist(), strict=True):
             named = zip(_NUMBERS, numbers, strict=True)

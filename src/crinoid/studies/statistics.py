@@ -11,7 +11,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 from scipy.special import stdtr, stdtrit
 
-from crinoid.results.extremes import Gumbel, ReturnLevel
+from crinoid.results.extremes import Gumbel
 from crinoid.results.metrics import Measure
 from crinoid.results.units import Unit
 from crinoid.studies.design import SEED
@@ -92,22 +92,17 @@ def row_means(rows: Float[np.ndarray, "place seed"]) -> Means:
     return means_of(rows.ravel(), np.repeat(np.arange(places), seeds), places)
 
 
-class Differences(NamedTuple):
-    """Mean differences of runs with the same seeds, and their significance (paired t-test)."""
+def differences(
+    rows: Float[np.ndarray, "place seed"], other: Float[np.ndarray, " seed"]
+) -> tuple[Means, Float[np.ndarray, " place"]]:
+    """Return mean differences ``rows - other`` over the same seeds, and p values (paired t-test).
 
-    means: Means
-    p_value: Float[np.ndarray, " place"]
-    """NaN with fewer than two pairs, or without any spread."""
-
-    @staticmethod
-    def of(
-        rows: Float[np.ndarray, "place seed"], other: Float[np.ndarray, " seed"]
-    ) -> "Differences":
-        """Return the differences ``rows - other`` over the seeds at which both are known."""
-        means = row_means(rows - other)
-        factor = np.array([_student_factor(runs) for runs in means.runs.tolist()])
-        error = np.where(means.half > 0, means.half, np.nan) / factor
-        return Differences(means, 2 * stdtr(means.runs - 1, -abs(means.value) / error))
+    A p value is NaN with fewer than two pairs, or without any spread.
+    """
+    means = row_means(rows - other)
+    factor = np.array([_student_factor(runs) for runs in means.runs.tolist()])
+    error = np.where(means.half > 0, means.half, np.nan) / factor
+    return means, 2 * stdtr(means.runs - 1, -abs(means.value) / error)
 
 
 def seed_means(
@@ -128,13 +123,16 @@ def seed_means(
         return pd.DataFrame()
     firsts = [others[run] for run in np.unique(place, return_index=True)[1]]
     known = {name: each for name, each in numbers.items() if np.isfinite(each).any()}
-    found = [
+    tables = [
         _mean_table(name, values, place, len(groups), registry[name].unit)
         for name, values in known.items()
     ]
-    if not found:
-        return pd.DataFrame()
-    return pd.DataFrame(firsts, dtype=object).join(pd.concat(found))
+    return pd.DataFrame(firsts, dtype=object).join(pd.concat(tables)) if tables else pd.DataFrame()
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table for a file; unknown numbers are empty."""
+    return table.astype(object).where(table.notna(), "").to_dict("records")
 
 
 def _mean_table(
@@ -153,11 +151,6 @@ def _mean_table(
     return pd.DataFrame(dict(zip(MEAN_COLUMNS, columns, strict=True)))
 
 
-def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table for a file; unknown numbers are empty."""
-    return table.astype(object).where(table.notna(), "").to_dict("records")
-
-
 def _is_grid(runs: Sequence[Mapping[str, Any]]) -> bool:
     """Return whether runs are all combinations of the values of their keys, each once."""
     levels = [{_text(run[key]) for run in runs} for key in runs[0]] if runs else []
@@ -168,8 +161,7 @@ def _text(value: Any) -> str:
     return json.dumps(value, default=str)
 
 
-def _extreme(known: Float[np.ndarray, " seed"]) -> ReturnLevel | tuple[float, float, float]:
+def _extreme(known: Float[np.ndarray, " seed"]) -> Sequence[float]:
     """Return the value that one run in 100 exceeds; NaN of few seeds, or without any spread."""
-    if known.size < _LEAST or np.ptp(known) <= _ROUND_OFF * np.abs(known).max():
-        return math.nan, math.nan, math.nan
-    return Gumbel(known).return_level(RUNS)
+    few = known.size < _LEAST or np.ptp(known) <= _ROUND_OFF * np.abs(known).max()
+    return (math.nan,) * 3 if few else Gumbel(known).return_level(RUNS)
