@@ -176,7 +176,7 @@ class SweepDesign(Design):
         """
         found = {int(runs[0]) for runs in self.structures}
         stride = 1
-        for name, levels in reversed(self.axes.items()):
+        for name, levels in reversed([*self.axes.items()]):
             if name == _SAMPLE:
                 places = np.concatenate(
                     (self._samples.argmin(axis=0), self._samples.argmax(axis=0))
