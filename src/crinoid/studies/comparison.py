@@ -6,6 +6,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
@@ -24,7 +25,7 @@ from crinoid.simulation.loop_margin import factor_for
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.design import SEED, Design
 from crinoid.studies.measures import tabulated
-from crinoid.studies.statistics import differences, row_means
+from crinoid.studies.statistics import differences, records, row_means
 
 _CROSSOVER = 1.0
 """Frequency (Hz) at which the loop crosses over where the margin allows it."""
@@ -137,16 +138,10 @@ def comparison_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
         means, (than, p_values) = row_means(values), differences(values, values[best])
         columns = np.stack([*means[:3], *than[:3], p_values])
         columns[3:, best] = np.nan
-        for kind, runs, numbers in zip(kinds, means.runs.tolist(), columns.T.tolist(), strict=True):
-            named = zip(_NUMBERS, numbers, strict=True)
-            yield {
-                "measure": name,
-                "units": data[name].attrs.get("units", "1"),
-                "controller": kind,
-                "runs": runs,
-                **{key: "" if math.isnan(number) else number for key, number in named},
-                "against": kinds[best],
-            }
+        units = data[name].attrs.get("units", "1")
+        about = {"measure": name, "units": units, "controller": kinds, "runs": means.runs}
+        numbers = dict(zip(_NUMBERS, columns, strict=True))
+        yield from records(pd.DataFrame(about | numbers | {"against": kinds[best]}))
 
 
 class ControllerComparison:

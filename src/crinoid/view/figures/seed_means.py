@@ -90,13 +90,13 @@ def _draw_grid(axes: Axes, measure: StudyMeasure, across: Key, up: Key) -> None:
     axes.grid(visible=False)
     middle = np.nanmean([np.nanmin(values), np.nanmax(values)])
     if shape[1] <= 5 and shape[0] <= 10:
-        texts = np.array(means.texts(measure.unit)).reshape(shape)
+        texts = iter(means.texts(measure.unit))
         for (row, column), value in np.ndenumerate(values):
             dark = not value > middle
             axes.text(
                 column + 0.5,
                 row + 0.5,
-                texts[row, column],
+                next(texts),
                 ha="center",
                 va="center",
                 fontsize=7.5 if shape[1] <= 3 else 6.0,
