@@ -5,7 +5,6 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from crinoid.foundation import display_hook
 from crinoid.foundation.version import __version__
 
 if TYPE_CHECKING:
@@ -153,8 +152,6 @@ if _LOOPS not in _given:
 # `gymnasium.make("crinoid:crinoid/Reach-v0")` imports this, to find the id afterwards
 if "gymnasium" in sys.modules:
     import_module("crinoid.learning.environment")
-
-display_hook.notebook = lambda: import_module("crinoid.view.notebook")
 
 
 def __getattr__(name: str) -> Any:

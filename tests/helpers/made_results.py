@@ -108,6 +108,11 @@ def with_obstacles(
     return run.assign({name: quantity(name, value, dimension) for name, value in found.items()})
 
 
+def of_runs(data: xr.Dataset, other: xr.Dataset | None = None) -> Result:
+    """Return the result of a run, and of one without control."""
+    return Result(data, uncontrolled=None if other is None else Result(other))
+
+
 def made_result(scenario: Scenario, end: float | None = None, status: str = "ok") -> Result:
     """Return a result of a planar scenario up to a time, of an arm that hardly moves."""
     duration = scenario.simulation.duration if end is None else end

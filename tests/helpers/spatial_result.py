@@ -138,7 +138,7 @@ obstacle = [
   {kind="capsule", position=[0.2, -0.2, -9.95], radius=0.03, length=0.2, mass=0.4, axis=[1, 0, 0]},
 ]
 """
-HULL = "[vehicle.hull]\nlength = 0.6\ndiameter = 0.16\n"
+HULL = "[contact]\nself = true\n[vehicle.hull]\nlength = 0.6\ndiameter = 0.16\n"
 ROCK = 0.08 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 

@@ -8,14 +8,14 @@ import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.metrics import MEASURES, RunStatistics
+from crinoid.results.result import Result
 from crinoid.results.table import summary
 from crinoid.view.figures.charts.spectra import fluctuation_spectrum, load_chart
 from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.charts.touch import contact_chart
+from crinoid.view.figures.charts.vehicle import vehicle_chart
+from crinoid.view.figures.charts.vortices import vortex_chart
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
-from crinoid.view.figures.run import Run
 from crinoid.view.figures.sheet import in_best_frame
 from helpers import planar_result, spatial_result
 from helpers.made_results import made_result
@@ -31,7 +31,7 @@ def run_of(dimension, **keys):
     scenario = crinoid.Scenario().with_values(
         {"arm.dimension": dimension, "simulation.duration": 20.0, **keys}
     )
-    return Run(data.assign_attrs(scenario=scenario.to_toml()))
+    return Result(data.assign_attrs(scenario=scenario.to_toml()))
 
 
 @BOTH
@@ -39,7 +39,7 @@ def test_the_tip_s_error_is_summed_up_over_the_time_that_counts(dimension):
     near = {2: 0.015, 3: 0.2}[dimension]
     keys = {"target.tip": [0.1] * dimension, "target.tolerance": near}
     run = run_of(dimension, **keys)
-    error, time = run.result["tip_error"].values, run.result["time"].values
+    error, time = run.dataset["tip_error"].values, run.dataset["time"].values
     begin = float(time[time.size // 2])
     run = run_of(dimension, **keys, **{"target.judged_from": begin})
     panel = tip_chart(run).panels[0]
@@ -55,11 +55,11 @@ def test_the_tip_s_error_is_summed_up_over_the_time_that_counts(dimension):
 @BOTH
 def test_the_spectrum_of_a_load_has_its_variance_at_its_frequency(dimension):
     run = run_of(dimension)
-    time = run.result["time"].values
+    time = run.dataset["time"].values
     swing = np.zeros((time.size, dimension))
     frequency = 8 / (time[-1] - time[0])
     swing[:, 0] = 3.0 + 0.5 * np.sin(2 * np.pi * frequency * time)
-    run = Run(run.result.assign(base_force=quantity("base_force", swing, dimension)))
+    run = Result(run.dataset.assign(base_force=quantity("base_force", swing, dimension)))
     force = load_chart(run).panels[0]
     (trace,) = force.traces
     shown = np.isfinite(trace.values)  # the smallest ones are below the axis
@@ -74,18 +74,18 @@ def test_the_spectrum_of_a_load_has_its_variance_at_its_frequency(dimension):
 @BOTH
 def test_a_submarine_has_its_motion_and_its_thrust_with_limits(dimension):
     run = run_of(dimension, vehicle=VEHICLE)
-    assert not has_vehicle_motion(run)  # its result has none
-    time, channels = run.result["time"].values, run.result.sizes["channel"]
+    assert vehicle_chart(run) is None  # its result has none
+    time, channels = run.dataset["time"].values, run.dataset.sizes["channel"]
     force = np.zeros((time.size, dimension))
     force[:, 0] = np.clip(6.0 * np.sin(time), -4.0, 4.0)
     pose = 0.1 * np.outer(time, np.arange(channels))
     moment = np.zeros(time.size) if dimension == 2 else np.zeros((time.size, 3))
     values = {"vehicle_pose": pose, "thruster_force": force, "thruster_moment": moment}
     found = {name: quantity(name, each, dimension) for name, each in values.items()}
-    run = Run(run.result.assign(found))
+    run = Result(run.dataset.assign(found))
     shift, turn, thrust, _ = vehicle_chart(run).panels
     names = [trace.name for trace in shift.traces + turn.traces]
-    assert names == run.result["channel"].values.tolist()
+    assert names == run.dataset["channel"].values.tolist()
     assert [level.value for level in thrust.levels] == [0.0, 4.0, -4.0]
 
 
@@ -97,7 +97,7 @@ def test_cycles_are_drawn_where_the_arm_bends_to_and_fro(dimension):
     values, edges, _ = steps.get_data()
     assert values[0] == max(values)
     assert (np.diff(edges) >= 0).all()
-    still = Run(run.result.assign(curvature=0.0 * run.result["curvature"]))
+    still = Result(run.dataset.assign(curvature=0.0 * run.dataset["curvature"]))
     assert not has_cycles(still)
 
 
@@ -125,15 +125,15 @@ def test_positions_are_relative_to_a_base_that_drives_far():
         away = distance * (still["time"] / still["time"][-1]) * (still["axis"] == "x")
         places = {name: still[name] + away for name in ("position", "tip_position", "tip_target")}
         places = {name: each.transpose(*still[name].dims) for name, each in places.items()}
-        return Run(still.assign(places))
+        return Result(still.assign(places))
 
     run, about = in_best_frame(driving(12.0))
     assert about == " from the base"
     np.testing.assert_allclose(
-        run.result["position"], still["position"] - still["position"].isel(node=0), atol=1e-12
+        run.dataset["position"], still["position"] - still["position"].isel(node=0), atol=1e-12
     )
     # what stands in the world passes by
-    passed = run.result["obstacle_position"].isel(obstacle=0).sel(axis="x")
+    passed = run.dataset["obstacle_position"].isel(obstacle=0).sel(axis="x")
     assert float(passed[0] - passed[-1]) == pytest.approx(12.0, rel=0.01)
     near = driving(0.3)
     assert in_best_frame(near) == (near, "")
@@ -153,9 +153,8 @@ def touching():
 
 
 def test_contact_with_itself_has_its_times_force_and_gap():
-    run = Run(touching())
-    assert has_contact(run)
-    assert not has_contact(Run(touching().drop_vars("self_force")))
+    run = Result(touching())
+    assert contact_chart(Result(touching().drop_vars("self_force"))) is None
     when, pressed, apart = contact_chart(run).panels
     (row,) = when.rows
     assert row.spans == pytest.approx(np.array([[1.0, 2.0]]))
@@ -206,9 +205,8 @@ def shedding(phase):
 @pytest.mark.parametrize("wrapped", [False, True])
 def test_the_chart_of_vortices_has_their_frequency_next_to_that_of_the_arm(wrapped):
     phase = 2 * np.pi * 1.3 * TIME
-    run = Run(shedding(np.angle(np.exp(1j * phase)) if wrapped else phase))
-    assert has_vortices(run)
-    assert not has_vortices(Run(run.result.drop_vars("vortex_force")))
+    run = Result(shedding(np.angle(np.exp(1j * phase)) if wrapped else phase))
+    assert vortex_chart(Result(run.dataset.drop_vars("vortex_force"))) is None
     frequency, force = vortex_chart(run).panels
     assert [level.value for level in frequency.levels] == [1.4]
     np.testing.assert_allclose(frequency.traces[0].values, 1.3, rtol=1e-6)

@@ -17,6 +17,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from crinoid.cli.folder import clear_figures
 from crinoid.cli.interruption import Interrupted
 from crinoid.results.own_files import is_own
+from crinoid.results.result import Result
 from crinoid.results.scene.bodies import rigid_bodies
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.mesh import BodyShape
@@ -120,7 +121,7 @@ def test_things_about_the_arm_move_as_surfaces(run, tmp_path):
     path, data = run
     files = write_vtkhdf(path, tmp_path).files
     reader, times = opened(files[1])
-    scene = build_scene([("", data)], 99, 99)
+    scene = build_scene(Result(data), 99, 99)
     things = rigid_bodies(scene, scene.members[0])
     for record, time in enumerate(times):
         reader.UpdateTimeStep(time)
@@ -435,7 +436,7 @@ def test_bodies_have_their_size_and_move(run, tmp_path):
     stage = stage_of(path, tmp_path)
     from pxr import UsdGeom
 
-    scene = build_scene([("", data)], 99, 99)
+    scene = build_scene(Result(data), 99, 99)
     codes = data["time"].values * stage.GetTimeCodesPerSecond()
     for body in rigid_bodies(scene, scene.members[0]):
         gprim = UsdGeom.Gprim(stage.GetPrimAtPath("/World/" + body.name.replace(" ", "_")))

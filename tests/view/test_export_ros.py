@@ -7,6 +7,7 @@ import pytest
 
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.own_files import is_own
+from crinoid.results.result import Result
 from crinoid.results.scene.bodies import rigid_bodies
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.scene import build_scene
@@ -21,6 +22,7 @@ mcap = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not 
 
 SMALL = {"records": 5, "duration": 2.0, "nodes": 7}
 STEP = "[simulation]\ntime_step = 0.1\n"
+PID = '[base.channels.slide]\n[control]\nkind = "pid"\n[control.pid.slide]\nkp = 1.0\n'
 TOOL = "[tool]\nmass = 0.2\nvolume = 5e-5\noffset = 0.03\n"
 RUNS = {
     "planar": lambda: swaying_arm(**SMALL, moving_target=True),
@@ -31,7 +33,7 @@ RUNS = {
 @pytest.fixture(params=RUNS)
 def run(request, tmp_path):
     data = RUNS[request.param]()
-    data = data.assign_attrs(scenario=data.attrs["scenario"] + STEP)
+    data = data.assign_attrs(scenario=data.attrs["scenario"] + PID + STEP)
     return save(data, tmp_path / "result.nc"), data
 
 
@@ -108,7 +110,9 @@ def test_a_floating_vehicle_has_a_frame_from_which_servos_move_the_root(tmp_path
     pitch = 0.0 * data["base_pose"]
     pitch[:, 2] = np.linspace(0.0, 0.5, 5)
     data = data.assign(base_servo=data["base_pose"], vehicle_pose=pitch)
-    data = data.assign_attrs(scenario=data.attrs["scenario"] + "[vehicle]\nmass = 30.0\n")
+    data = data.assign_attrs(
+        scenario=data.attrs["scenario"] + "[vehicle]\nmass = 30.0\ninertia = 1.0\n"
+    )
     log = write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0]
     for record, (_, tree) in enumerate(decoded(log)["/tf"]):
         frames = {each.child_frame_id: each.transform for each in tree.transforms}
@@ -132,6 +136,7 @@ def test_commands_have_the_time_at_which_they_begin(run, tmp_path):
 
 def test_still_channels_and_what_a_result_lacks_are_left_out(tmp_path):
     data = swaying_arm(**SMALL)
+    data.attrs["scenario"] += PID
     for name, ends in {"channel_lower": [-1.0, 0, -1], "channel_upper": [1.0, 0, 1]}.items():
         data[name] = quantity(name, ends, 2)
     whole = decoded(write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0])
@@ -153,7 +158,7 @@ def test_markers_are_where_the_arm_and_the_bodies_are(tmp_path):
     data = data.assign_attrs(scenario=data.attrs["scenario"] + TOOL)
     path = save(data, tmp_path / "result.nc")
     shown = decoded(write_mcap(path, tmp_path).files[0])["/arm/markers"]
-    scene = build_scene([("", data)], 99, 99)
+    scene = build_scene(Result(data), 99, 99)
     bodies = {body.name: body for body in rigid_bodies(scene, scene.members[0])}
     position, diameter = in_space(data, "position"), data["diameter"].values
     for record, (_, message) in enumerate(shown):

@@ -14,6 +14,7 @@ from PIL import Image, ImageSequence
 
 from crinoid.cli.folder import clear_figures
 from crinoid.results.own_files import is_own
+from crinoid.results.result import Result
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.scene import build_scene
 from crinoid.view.figures.style import STYLE
@@ -22,6 +23,7 @@ from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
 from crinoid.view.film.surfaces import instant_of
 from helpers.command import call, refused, succeeded
+from helpers.made_results import of_runs
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, among_solids, curling_arm
 from helpers.studies import save
@@ -55,11 +57,12 @@ def decoded(path: Path) -> np.ndarray:
 
 def pictures(data, other=None, size=(320, 240), **options) -> tuple[Picture, np.ndarray]:
     """Return what draws a run, and the times of the frames."""
-    members = [("", data)] if other is None else [("with", data), ("without", other)]
     shot, time = CameraSettings(**options), data["time"].values
     reel = film_settings(CameraSettings(size=size), float(time[0]), float(time[-1]), ".gif")
     with mpl.rc_context(STYLE):
-        return Picture(build_scene(members, 400, 81), shot, reel, "title", ""), reel.times
+        return Picture(
+            build_scene(of_runs(data, other), 400, 81), shot, reel, "title", ""
+        ), reel.times
 
 
 def place(picture: Picture, point) -> tuple[int, int]:
@@ -114,7 +117,7 @@ def test_views_have_their_axes_to_the_right_and_up(view, right, up):
 
 def test_between_saved_instants_the_arm_glides():
     data = small_arm(records=5)
-    run = build_scene([("", data)], 10, 10).members[0]
+    run = build_scene(Result(data), 10, 10).members[0]
     position = in_space(data, "position")
     between = 0.75 * position[1] + 0.25 * position[2]
     instants = {-1.0: position[0], 0.5: position[1], 0.625: between, 2.0: position[4]}

@@ -7,16 +7,18 @@ from html import escape
 import numpy as np
 import pytest
 
-from crinoid.results.scene.mount import base_directions
+from crinoid.results.reading import with_shapes
+from crinoid.results.result import Result
+from crinoid.results.scene.mount import find_mount
 from crinoid.results.scene.scene import build_scene
 from crinoid.view.figures import ReportError
 from crinoid.view.figures.charts.chart import Trace
-from crinoid.view.figures.run import Run, with_shapes
 from crinoid.view.page.parts import Pack
 from crinoid.view.page.plots import RECORDS, extreme_instants
 from crinoid.view.page.scene import page_scene, scene_of
 from crinoid.view.page.write import page_of
 from helpers.figures import assert_report
+from helpers.made_results import of_runs
 from helpers.pages import HOSTILE, Tags, positions, unpacked
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, among_solids, curling_arm
@@ -38,7 +40,7 @@ def test_packed_numbers_come_back_to_half_a_step(rows):
 
 def test_the_scene_holds_the_arm_where_the_result_has_it():
     data = among_obstacles(records=61)
-    table, numbers, left_out = scene_of(page_scene([("", data)]))
+    table, numbers, left_out = scene_of(page_scene(Result(data)))
     (member,) = table["members"]
     assert member["nodes"] == data.sizes["node"]
     assert not left_out
@@ -48,14 +50,14 @@ def test_the_scene_holds_the_arm_where_the_result_has_it():
     shade = unpacked(numbers, member["fields"]["curvature"])
     np.testing.assert_allclose(shade, kappa, atol=member["fields"]["curvature"]["step"])
     ahead = unpacked(numbers, member["ahead"])
-    np.testing.assert_allclose(ahead, base_directions(data), atol=1e-4)
+    np.testing.assert_allclose(ahead, find_mount(Result(data)).direction, atol=1e-4)
     kinds = [body["kind"] for body in member["bodies"]]
     assert kinds == ["sphere", "cylinder", "capsule", "plane"]
 
 
 def test_the_scene_holds_solids_a_capsule_that_turns_and_a_hull():
     data = among_solids(records=5)
-    table, numbers, _ = scene_of(page_scene([("", data)]))
+    table, numbers, _ = scene_of(page_scene(Result(data)))
     (member,) = table["members"]
     _, bed, capsule = member["bodies"]
     points, facets = (data[name].values for name in ("surface_point", "surface_facet"))
@@ -73,7 +75,7 @@ def test_the_scene_holds_solids_a_capsule_that_turns_and_a_hull():
 def test_the_arms_distance_from_a_plane_is_its_height():
     wall = 'obstacle = [{kind="plane", position=[0.0, 0.0, -10.05], normal=[0.0, 0.0, 2.0]}]\n'
     data = among_obstacles(records=3, nodes=5, obstacles=wall)
-    (moving,) = build_scene([("", data)], 10, 10).members
+    (moving,) = build_scene(Result(data), 10, 10).members
     (field,) = (each for each in moving.fields if each.name == "distance")
     height = data["position"].values[..., 2] + 10.05 - data["diameter"].values / 2
     np.testing.assert_allclose(field.values, np.clip(height, 0.0, 0.25 * 0.5), atol=1e-12)
@@ -97,7 +99,7 @@ def test_half_a_minute_in_space_at_50_instants_a_second_is_below_3_megabytes():
         made = curling_arm(records=31, duration=30.0, nodes=101, driven=driven).interp(time=time)
         made["position"] += 2e-4 * rng.normal(size=made["position"].shape)
         runs.append(made)
-    text = page_of(Run(*runs))
+    text = page_of(of_runs(*runs))
     assert len(text.encode()) < 3e6
     assert re.search(r"shows \d+ of 1501 saved instants", text)
 
@@ -125,23 +127,25 @@ def test_the_animation_leaves_out_instants_that_lack_a_number(name, value):
     if name == "base_servo":
         broken = broken.assign(base_servo=broken["base_pose"].copy())
     broken[name][[3, 20, 21]] = value
-    space = build_scene([("", broken)], 100, 50)
+    space = build_scene(Result(broken), 100, 50)
     (moving,) = space.members
     np.testing.assert_array_equal(moving.time, np.delete(broken["time"], [3, 20, 21]))
     table, _, left_out = scene_of(space)
     assert len(table["members"][0]["time"]) == 37
     assert left_out == ["3 instants are left out: at these a number is not finite, or too large."]
-    assert with_shapes(broken, "made").sizes["time"] == (37 if name == "position" else 40)
+    assert with_shapes(Result(broken), "made").dataset.sizes["time"] == (
+        37 if name == "position" else 40
+    )
     broken[name][:] = value
     with pytest.raises(ReportError, match="no instant can be drawn"):
-        build_scene([("", broken)], 100, 50)
+        build_scene(Result(broken), 100, 50)
 
 
 @pytest.fixture(scope="module")
 def plain():
     """Text and tags of a small page."""
     data = swaying_arm(records=5, status="stopped at 1 s: x", seed=7)
-    text = page_of(Run(data.assign_attrs(notes="the first\nthe second")))
+    text = page_of(Result(data.assign_attrs(notes="the first\nthe second")))
     return text, Tags(text)
 
 
@@ -149,7 +153,7 @@ def test_a_user_s_words_stay_text(plain):
     data = swaying_arm(records=5, status=f"stopped at 1 s: {HOSTILE}").assign_attrs(
         title=HOSTILE, notes=f"{HOSTILE}\nanother", scenario=f"# {HOSTILE}\n[base]\ntilt_deg = 0.0"
     )
-    page = Tags(page_of(Run(data)))
+    page = Tags(page_of(Result(data)))
     assert not page.attributes("img")
     assert page.attributes("script") == plain[1].attributes("script")
     assert page.texts["h1"].strip() == HOSTILE
@@ -175,7 +179,7 @@ def test_the_page_shows_numbers_notes_and_how_to_repeat_the_run(plain):
 
 
 def test_charts_have_names_and_units():
-    run = Run(among_obstacles(records=20), curling_arm(records=20, driven=False))
+    run = of_runs(among_obstacles(records=20), curling_arm(records=20, driven=False))
     table = json.loads(Tags(page_of(run)).texts["table"])
     charts = {chart["name"]: chart["panels"] for chart in table["charts"]}
     assert {"tip_error", "spectrum", "commands", "loads", "contact", "energy"} < set(charts)

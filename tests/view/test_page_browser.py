@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from crinoid.results.result import Result
-from crinoid.view.figures.run import Run
 from crinoid.view.page.study import write_study
 from crinoid.view.page.write import write_run
 from helpers.browsing import Opened
+from helpers.made_results import of_runs
 from helpers.pages import HOSTILE
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, curling_arm
@@ -41,7 +41,7 @@ class Shown(Opened):
 
 @pytest.fixture(scope="module")
 def spatial(tmp_path_factory):
-    run = Run(among_obstacles(records=121), curling_arm(records=121, driven=False))
+    run = of_runs(among_obstacles(records=121), curling_arm(records=121, driven=False))
     return run, write_run(run, tmp_path_factory.mktemp("spatial") / "report.html")
 
 
@@ -142,7 +142,7 @@ def test_a_base_that_travels_far_is_followed(browser, tmp_path):
     for name in ("position", "tip_position", "tip_target"):
         data[name] = data[name] + data["time"] * (data["axis"] == "x") * 0.5
         data[name] = data[name].transpose("time", ..., "axis")
-    with Shown(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
+    with Shown(browser, write_run(Result(data), tmp_path / "report.html")) as opened:
         assert opened.ask("() => crinoid.scene.follow") == "root"
         away = "() => crinoid.scene.camera.centre[0] - crinoid.scene.members[0].now.root[0]"
         before, half = opened.ask(away), opened.ask("() => crinoid.scene.camera.half")
@@ -154,7 +154,7 @@ def test_a_base_that_travels_far_is_followed(browser, tmp_path):
 
 def test_one_instant_does_not_play_and_a_hostile_title_does_nothing(browser, tmp_path):
     data = swaying_arm(records=1, duration=0.0).assign_attrs(title=HOSTILE, notes=HOSTILE)
-    with Shown(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
+    with Shown(browser, write_run(Result(data), tmp_path / "report.html")) as opened:
         assert opened.page.is_disabled("#play")
         assert opened.page.title() == HOSTILE
         assert opened.page.text_content("h1") == HOSTILE
@@ -169,7 +169,7 @@ canvas.getContext = function (kind, ...rest) {
 
 
 def test_without_webgl_the_page_has_a_picture_and_charts(browser, tmp_path):
-    path = write_run(Run(swaying_arm(records=41)), tmp_path / "report.html")
+    path = write_run(Result(swaying_arm(records=41)), tmp_path / "report.html")
     with Shown(browser, path, script=WITHOUT_WEBGL) as opened:
         page = opened.page
         assert page.is_visible(".still svg polyline >> nth=0")
@@ -197,7 +197,7 @@ def test_a_notebook_s_animation_moves_within_its_frame(browser, tmp_path):
 def test_a_study_sorts_names_the_case_under_the_cursor_and_opens_it(browser, tmp_path):
     cases = grid(tmp_path)
     save(swaying_arm(records=5), tmp_path / "case-05" / "result.nc")
-    write_run(Run(swaying_arm(records=5)), tmp_path / "case-05" / "report.html")
+    write_run(Result(swaying_arm(records=5)), tmp_path / "case-05" / "report.html")
     path = write_study(cases, tmp_path, tmp_path)
     with Shown(browser, path) as opened:
         page, names = opened.page, "[...document.querySelectorAll('tbody td:first-child')]"

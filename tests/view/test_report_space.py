@@ -7,18 +7,19 @@ import pytest
 from matplotlib.collections import LineCollection
 
 from crinoid.results.errors import angle_between
+from crinoid.results.result import Result
 from crinoid.results.scene.clip import obstacle_facets
 from crinoid.results.scene.data import find_obstacles
-from crinoid.results.scene.mount import base_directions
+from crinoid.results.scene.mount import find_mount
 from crinoid.results.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE, perspective
 from crinoid.view.figures.charts.drive import drive_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.paper import draw_chart
-from crinoid.view.figures.run import Run
 from crinoid.view.figures.shape import draw_bending
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.surroundings import tool_facets
 from helpers.figures import assert_drawn, assert_report, quick_and_release
+from helpers.made_results import of_runs
 from helpers.spatial_result import HIGH, LOW, among_obstacles, among_solids, curling_arm, frame
 from helpers.studies import save
 
@@ -39,7 +40,7 @@ ODD = {
 
 @pytest.mark.parametrize("name", quick_and_release(ODD, quick=1))
 def test_odd_runs_are_drawn(name, tmp_path):
-    run = Run(curling_arm(**{"records": 7} | ODD[name]))
+    run = Result(curling_arm(**{"records": 7} | ODD[name]))
     charts = [lambda run, of=of: draw_chart(of(run), run) for of in (tip_chart, drive_chart)]
     assert_drawn(run, tmp_path, draw_sheet, draw_bending, *charts)
 
@@ -51,7 +52,7 @@ def test_a_result_of_shapes_alone_is_drawn(tmp_path):
 
 
 def test_solids_and_a_hull_are_drawn(tmp_path):
-    assert_drawn(Run(among_solids(records=7)), tmp_path, draw_sheet)
+    assert_drawn(Result(among_solids(records=7)), tmp_path, draw_sheet)
 
 
 @pytest.mark.slow
@@ -67,13 +68,13 @@ def test_the_hull_points_along_the_base(pan, tilt):
     for record in (0, 3):
         pose = dict(zip(data["channel"].values, data["base_pose"].values[record], strict=True))
         expected = frame(np.deg2rad(pan) + pose["pan"], np.deg2rad(tilt) + pose["tilt"], 0.0)[:, 0]
-        np.testing.assert_allclose(base_directions(data)[record], expected, atol=1e-15)
+        np.testing.assert_allclose(find_mount(Result(data)).direction[record], expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("tilt", [0.0, -80.0])
 def test_the_sheet_shows_the_arm_over_time(tilt):
     data = curling_arm(records=9, tilt_deg=tilt)
-    found = {axes.get_title(loc="left"): axes for axes in draw_sheet(Run(data)).axes}
+    found = {axes.get_title(loc="left"): axes for axes in draw_sheet(Result(data)).axes}
     for name, view in PROJECTIONS.items():
         axes = found[name]
         lines = (each for each in axes.collections if isinstance(each, LineCollection))
@@ -88,7 +89,9 @@ def test_the_sheet_shows_the_arm_over_time(tilt):
 
 @pytest.mark.slow
 def test_no_text_of_the_sheet_lies_over_another_or_off_the_page():
-    sheet = draw_sheet(Run(among_obstacles(records=9), among_obstacles(records=9, driven=False)))
+    sheet = draw_sheet(
+        of_runs(among_obstacles(records=9), among_obstacles(records=9, driven=False))
+    )
     sheet.draw_without_rendering()
     page, texts = sheet.bbox, list(sheet.texts)
     for axes in sheet.axes:
@@ -124,7 +127,7 @@ def test_a_point_is_where_its_line_to_the_eye_meets_the_paper():
 )
 def test_the_part_of_a_sphere_within_the_box_is_seen(position, radius, area):
     table = f'obstacle = [{{kind="sphere", position={position}, radius={radius}}}]\n'
-    (body,) = find_obstacles(among_obstacles(records=3, obstacles=table, drift=0.0))
+    (body,) = find_obstacles(Result(among_obstacles(records=3, obstacles=table, drift=0.0)))
     low, high = np.array([-1.0, -1.0, -10.3]), np.array([1.4, 1.0, -9.5])
     facets = obstacle_facets(body, low, high)
     one, other = facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1]
@@ -152,7 +155,7 @@ def test_bending_shows_the_numbers_of_the_result_over_the_arm_at_rest():
     expected = [(arc, curvature[..., 0]), (arc, curvature[..., 1])]
     expected.append(((arc[1:] + arc[:-1]) / 2, made["twist"].values))
     for data in (made, made.assign(position=1.3 * made["position"])):
-        for axes, (place, values) in zip(draw_bending(Run(data)).axes, expected, strict=False):
+        for axes, (place, values) in zip(draw_bending(Result(data)).axes, expected, strict=False):
             segments = np.array(axes.collections[0].get_segments())
             np.testing.assert_allclose(segments[..., 0], np.tile(place, (5, 1)), atol=1e-12)
             np.testing.assert_allclose(segments[..., 1], values)

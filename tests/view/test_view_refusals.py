@@ -35,7 +35,10 @@ SPOILED = [
     (lambda: few().assign_coords(axis=["u", "v"]), "not labelled x and z"),
     (lambda: few().rename(node="point"), "has dimensions"),
     (lambda: few().assign_coords(LATE), "its times do not rise"),
-    (lambda: described("[0.1, 0.0, 1.0]", "[0.1, 1.0]"), rf"{UNDESCRIBED} .*axis \[0.1, 1.0\]"),
+    (
+        lambda: described("[0.1, 0.0, 1.0]", "[0.1, 1.0]"),
+        rf"{UNDESCRIBED} .*axis: got \[0.1, 1.0\]",
+    ),
     (lambda: described("radius", "size"), f"{UNDESCRIBED} .*radius"),
     ({"rms_error": "much"}, "rms_error of case-01 is 'much', not a number"),
     ({"directory": "../elsewhere"}, "not a folder inside the study"),

@@ -52,6 +52,15 @@ def judged_at(time: Float[np.ndarray, " time"], scenario: Scenario) -> Instants:
     return np.asarray(time >= scenario.judged_from - _ROUND)
 
 
+def counted(result: Result) -> Instants:
+    """Return the instants that count in a chart: those judged, or all of a run that ended before.
+
+    A scenario that this version cannot read judges all.
+    """
+    found = judged_at(result.dataset["time"].values, result.known_scenario)
+    return found if found.any() else ~found
+
+
 def tip_error(result: Result) -> TipError:
     """Return the errors of the tip's position."""
     data, counted = result.dataset, judged(result)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
-from contextlib import ExitStack
-from functools import lru_cache
+from contextlib import ExitStack, suppress
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -15,13 +14,10 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from crinoid.foundation import display_hook
 from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
-from crinoid.foundation.text_variables import text_encoding
 from crinoid.foundation.version import __version__
-from crinoid.results.chunks import piece_length, pieces
 from crinoid.results.stream import (
     check_size,
     is_stream,
@@ -29,7 +25,12 @@ from crinoid.results.stream import (
     read_checkpoint,
     remove_checkpoints,
 )
-from crinoid.scenario import Scenario
+from crinoid.results.writing import CHECKPOINT, write_result
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario.errors import counted
+
+if TYPE_CHECKING:
+    from crinoid.results.scene.scene import Scene
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
@@ -37,7 +38,6 @@ TRAINING = "training.nc"
 """Names of the files of a run, of the same one without control, and of a policy's training."""
 UNFINISHED = "unfinished: it is still run, or the program was killed; --resume goes on"
 """Status in a file that grows."""
-_CHECKPOINT = "checkpoint"
 
 _REQUIRED = (
     *("tip_position", "tip_target", "tip_error", "tip_angle"),
@@ -91,11 +91,13 @@ class Result:
         self.dataset = dataset
         self.checkpoint = dict(checkpoint or {})
         self.uncontrolled = uncontrolled
+        self.shapeless = 0
+        """Saved instants of both that its data leave out, as the arm has no shape to draw."""
 
     @property
     def status(self) -> str:
         """``ok``, or what went wrong and when."""
-        return str(self.dataset.attrs["status"])
+        return str(self.dataset.attrs.get("status", "")).strip() or Status.OK.value
 
     @property
     def ended(self) -> Status | None:
@@ -131,13 +133,52 @@ class Result:
         return _read_scenario(str(self.dataset.attrs["scenario"]))
 
     @property
+    def known_scenario(self) -> Scenario:
+        """The scenario that was run; one of defaults where this version cannot read it."""
+        with suppress(KeyError, ScenarioError):
+            return self.scenario
+        return Scenario()
+
+    @property
+    def title(self) -> str:
+        """Title of the scenario, or the name of the program where it has none."""
+        return str(self.dataset.attrs.get("title", "")).strip() or "crinoid"
+
+    @property
+    def members(self) -> list[tuple[str, Result]]:
+        """The run and the one without control, each with its name; no name where it is alone."""
+        if self.uncontrolled is None:
+            return [("", self)]
+        return [("with control", self), ("without control", self.uncontrolled)]
+
+    @property
+    def left_out(self) -> list[str]:
+        """Sentences on the saved instants that its data leave out."""
+        if not self.shapeless:
+            return []
+        verb, many = ("are", "these") if self.shapeless > 1 else ("is", "it")
+        count = counted(self.shapeless, "saved instant")
+        return [f"{count} {verb} left out: at {many} the arm has no shape to draw."]
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene of both runs in three dimensions, at all instants and nodes."""
+        from crinoid.results.scene.scene import build_scene
+
+        return build_scene(self)
+
+    @property
     def plot(self) -> Any:
         """Its matplotlib plots, a `crinoid.view.notebook.Plots`, such as ``plot.tip_error()``."""
-        return display_hook.notebook().plots_of(self)
+        from crinoid.view.notebook import Plots
+
+        return Plots(self)
 
     def _repr_html_(self) -> str:
         """Return it as notebooks show it: its numbers, and a small animation."""
-        return display_hook.notebook().html_of(self)
+        from crinoid.view.notebook import html_of
+
+        return html_of(self)
 
     def restore(self, like: Tree) -> Tree:
         """Return the state at the end.
@@ -199,7 +240,9 @@ class Result:
             runs[UNCONTROLLED] = self.uncontrolled
         with ExitStack() as stack:
             for name, run in runs.items():
-                run._write(stack.enter_context(atomic_write(folder / name)))
+                write_result(
+                    run.dataset, run.checkpoint, stack.enter_context(atomic_write(folder / name))
+                )
         if self.uncontrolled is None and attributes(folder / UNCONTROLLED):  # of an earlier run
             (folder / UNCONTROLLED).unlink()
         for name in (RESULT, UNCONTROLLED):
@@ -233,39 +276,6 @@ class Result:
             result.uncontrolled = _read(folder / UNCONTROLLED, lazily)
         return result
 
-    def _write(self, path: Path) -> None:
-        """Write a file in pieces: a run that lies in a file may be larger than the memory."""
-        whole = self.dataset
-        over_time = [str(name) for name, data in whole.variables.items() if "time" in data.dims]
-        length = min(piece_length(whole), whole.sizes["time"])
-        encoding = {
-            name: {
-                "chunksizes": (length, *whole[name].shape[1:]),
-                "zlib": whole[name].ndim > 1,
-                "complevel": 1,
-            }
-            for name in over_time
-        }
-        first = whole.isel(time=slice(0, length)).load()
-        encoding |= text_encoding(first)
-        first.to_netcdf(path, engine="netcdf4", encoding=encoding, unlimited_dims=["time"])
-        if whole.sizes["time"] > length:
-            with netCDF4.Dataset(path, "a") as file:
-                for name in over_time:  # else it keeps most of the written data in memory
-                    file[name].set_var_chunk_cache(0, 1, 0.0)
-                for start, piece in enumerate(pieces(whole, over_time)):
-                    for name in over_time if start else ():
-                        at = start * length
-                        file[name][at : at + piece.sizes["time"]] = piece[name].values
-        leaves = xr.Dataset(
-            {
-                name: ([f"d{number:03d}_{axis}" for axis in range(leaf.ndim)], leaf)
-                for number, (name, leaf) in enumerate(self.checkpoint.items())
-            },
-            attrs={"crinoid_version": __version__},
-        )
-        leaves.to_netcdf(path, engine="netcdf4", mode="a", group=_CHECKPOINT)
-
 
 def named_leaves(tree: Any) -> dict[str, np.ndarray]:
     """Return the arrays of a tree by their path in it, such as ``state.motion.position``."""
@@ -293,7 +303,7 @@ def _read(path: Path, lazily: bool) -> Result:
         if is_stream(path):
             checkpoint = read_checkpoint(path, dataset)
         else:
-            with xr.open_dataset(path, engine="netcdf4", group=_CHECKPOINT) as leaves:
+            with xr.open_dataset(path, engine="netcdf4", group=CHECKPOINT) as leaves:
                 check_size(leaves, path)
                 checkpoint = {str(name): leaf.values for name, leaf in leaves.data_vars.items()}
     except FileNotFoundError:
@@ -304,11 +314,9 @@ def _read(path: Path, lazily: bool) -> Result:
     for name in ("time", "axis", "channel", "kind"):
         if name not in dataset.variables or dataset[name].dims != (name,):
             raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {name}")
-    try:
-        output = tomllib.loads(str(dataset.attrs.get("scenario"))).get("output", {})
-    except tomllib.TOMLDecodeError:
-        output = {}
-    for name in (*_REQUIRED, *(() if "variables" in output else _MOTION)):
+    result = Result(dataset, checkpoint)
+    chosen = "scenario" in dataset.attrs and result.known_scenario.output.variables
+    for name in (*_REQUIRED, *(() if chosen else _MOTION)):
         if name not in dataset.variables:
             raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
     expected = {name: each.dims for name, each in of_dimension(dataset.sizes["axis"]).items()}
@@ -322,7 +330,7 @@ def _read(path: Path, lazily: bool) -> Result:
     for name, kind in {"status": str, "scenario": str, "wall_time": float}.items():
         if not isinstance(dataset.attrs.get(name), kind):
             raise ResultError(f"{path}: not a result of crinoid, it does not say its {name}")
-    return Result(dataset, checkpoint)
+    return result
 
 
 def _kind(leaf: np.ndarray | None) -> str:

@@ -14,7 +14,7 @@ from crinoid.results.measure_labels import label_of, unit_of
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
 from crinoid.results.saturation import limit_shares
-from crinoid.results.scene.mount import base_word
+from crinoid.results.scene.data import base_word
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
 
 _NOTHING = 1e-6
@@ -143,7 +143,7 @@ class _Table(NamedTuple):
 
     def add_loads(self) -> None:
         """Add loads on the base, curvature and strain, which count from the start."""
-        base = base_word(self.result.dataset)
+        base = base_word(self.result.scenario)
         for load, si in (("force", "N"), ("moment", "N m")):
             most = si_unit(max(m or 0.0 for m in self.measure(f"max_base_{load}")), si)
             for kind, label in _LOADS.items():
@@ -260,7 +260,7 @@ def equilibrium_summary(result: Result) -> RunSummary:
         add("tip direction", f"{number(angle, 1.0)} degrees")
     force, moment = (dataset[f"base_{name}"].values[0] for name in ("force", "moment"))
     tension = float(dataset["tension"].max())
-    base = base_word(dataset)
+    base = base_word(result.scenario)
     pull = max(largest(force), abs(tension), _ALMOST_NO_LOAD)
     add(f"force on {base}", parts(force, " N", pull))
     turning = max(largest(np.asarray(moment)), pull * length)

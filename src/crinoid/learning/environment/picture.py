@@ -17,6 +17,7 @@ from crinoid.compilation import ONCE, compiled
 from crinoid.learning.environment.draws import EpisodeDraw
 from crinoid.results.chunks import join
 from crinoid.results.dataset import describe
+from crinoid.results.result import Result
 from crinoid.results.scene.scene import Scene, build_scene
 from crinoid.simulation import LoopState
 from crinoid.simulation.chunk import one_instant, record
@@ -76,7 +77,7 @@ class EpisodePainter:
         loop = self._drawn.case.loop
         parts = [self._build(one_instant(_keep(loop, now)), None) for now in instants]
         data: xr.Dataset = join(parts).assign_attrs(self._about)
-        return build_scene([("", data)], len(instants), _NODES)
+        return build_scene(Result(data), len(instants), _NODES)
 
 
 def _window(space: Scene) -> Window:

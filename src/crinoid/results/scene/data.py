@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import tomllib
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,6 +13,14 @@ from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
 from crinoid.results.report_error import ReportError
+from crinoid.scenario import Scenario
+from crinoid.scenario.obstacle import ENDLESS, Capsule, Cylinder, Plane, Sphere
+from crinoid.scenario.obstacle import Obstacle as Described
+from crinoid.scenario.quantity import unit_vector
+from crinoid.scenario.tool import Tool
+
+if TYPE_CHECKING:
+    from crinoid.results.result import Result
 
 STILL = 1e-6  # distance below which a point does not move (m)
 LARGEST = 1e9  # largest size of a drawing, in SI units. Squares of far larger numbers overflow.
@@ -55,25 +60,15 @@ def arc_length(data: xr.Dataset) -> Float[np.ndarray, " node"]:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def read_scenario(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the tables of the scenario in a result; empty without a readable one."""
-    with contextlib.suppress(KeyError, tomllib.TOMLDecodeError):
-        return tomllib.loads(str(dataset.attrs["scenario"]))
-    return {}
-
-
-_AIMS = ("tip", "angle_deg", "direction")
-
-
-def target_word(dataset: xr.Dataset) -> str:
+def target_word(result: Result) -> str:
     """Return the noun for the target, which may be the start of a tip that nothing controls."""
-    tables = read_scenario(dataset)
-    kind, target = tables.get("control", {}).get("kind"), tables.get("target", {})
-    initial = all(target.get(key, "initial") == "initial" for key in _AIMS)
-    aimless = (
-        kind in ("none", "sequence") and initial and not moves(in_space(dataset, "tip_target"))
-    )
-    return "start of the tip" if aimless else "target"
+    aims = result.known_scenario.aims or moves(in_space(result.dataset, "tip_target"))
+    return "target" if aims else "start of the tip"
+
+
+def base_word(scenario: Scenario) -> str:
+    """Return the noun for the base of an arm."""
+    return "base" if scenario.vehicle is None else "submarine"
 
 
 def bounded(values: Float[np.ndarray, "time ..."]) -> Bool[np.ndarray, " time"]:
@@ -112,19 +107,17 @@ class ToolBall(NamedTuple):
     offset: float  # distance of its centre from the tip, along the arm (m)
 
     @staticmethod
-    def of(table: Mapping[str, Any]) -> ToolBall:
-        """Return the ball of a tool's table: its own, of its volume, or of its mass in steel."""
-        volume = table.get("volume") or table["mass"] / _DENSE
-        radius = table.get("radius") or (3.0 * volume / (4.0 * math.pi)) ** (1 / 3)
-        return ToolBall(radius, float(table.get("offset", 0.0)))
+    def of(tool: Tool) -> ToolBall:
+        """Return the ball of a tool: its own, of its volume, or of its mass in steel."""
+        volume = tool.volume or tool.mass / _DENSE
+        return ToolBall(tool.radius or (3.0 * volume / (4.0 * math.pi)) ** (1 / 3), tool.offset)
 
 
-def find_tool(data: xr.Dataset) -> ToolBall | None:
+def find_tool(result: Result) -> ToolBall | None:
     """Return the tool of a result whose tip ever carries one."""
-    return ToolBall.of(read_scenario(data)["tool"]) if tool_held(data).any() else None
+    tool = result.known_scenario.tool
+    return ToolBall.of(tool) if tool is not None and tool_held(result.dataset).any() else None
 
-
-_ENDLESS = 1e3  # half of the length of a cylinder, which has no end (m)
 
 Point = Float[np.ndarray, "axis=3"]
 Points = Float[np.ndarray, "... axis=3"]
@@ -153,28 +146,31 @@ class Obstacle:
     @staticmethod
     def of(
         name: str,
-        table: dict[str, Any],
+        described: Described,
         path: Float[np.ndarray, "time axis=3"],
         axis: Float[np.ndarray, "time axis=3"] | None = None,
         solid: SolidShape | None = None,
     ) -> Obstacle:
-        """Read a table of the scenario, of a planar one or one in space.
+        """Return an obstacle of a scenario, of a planar one or one in space.
 
         ``axis`` is a direction fixed to it at each record, of a capsule in the plane that of it.
         """
-        kind = str(table["kind"])
+        kind, still, nowhere = described.kind, np.zeros_like(path), np.zeros(3)
         if solid is not None:
             around = float(np.linalg.norm(solid.points, axis=1).max())
-            return Obstacle(name, kind, around, np.zeros_like(path), np.zeros(3), path, solid)
-        if kind == "plane":
-            normal = _direction("normal", table["normal"], (2, 3))
-            return Obstacle(name, kind, 0.0, np.zeros_like(path), normal, path)
-        half = {"cylinder": _ENDLESS, "capsule": table.get("length", 0.0) / 2}.get(kind, 0.0)
-        first = _direction("axis", table.get("axis", [0.0, 1.0, 0.0]), (3,))
+            return Obstacle(name, kind, around, still, nowhere, path, solid)
+        if isinstance(described, Plane):
+            x, *y, z = described.out
+            return Obstacle(name, kind, 0.0, still, np.array([x, *(y or [0.0]), z]), path)
+        assert isinstance(described, Sphere | Cylinder | Capsule)
+        if isinstance(described, Sphere):
+            return Obstacle(name, kind, described.radius, still, nowhere, path)
+        half = described.length / 2 if isinstance(described, Capsule) else ENDLESS
+        first = np.array(unit_vector(described.axis))
         # a planar result has the axis of a capsule across the plane nowhere
         turns = axis is not None and float(axis[0] @ first) > 0.5
         whole = half * (axis if axis is not None and turns else np.tile(first, (len(path), 1)))
-        return Obstacle(name, kind, float(table["radius"]), whole, np.zeros(3), path)
+        return Obstacle(name, kind, described.radius, whole, nowhere, path)
 
     @property
     def label(self) -> str:
@@ -217,26 +213,17 @@ class Obstacle:
         return np.linalg.norm(apart, axis=-1) - (0.0 if self.solid else self.radius)
 
 
-def _direction(name: str, parts: Sequence[float | int], counts: tuple[int, ...]) -> Point:
-    """Return a direction, of length one, from its parts: x and z, or x, y and z."""
-    numbers = [float(part) for part in parts]
-    size = math.hypot(*numbers)
-    if len(numbers) not in counts or not 0.0 < size < math.inf:
-        raise ValueError(f"{name} {numbers}")
-    x, *y, z = numbers
-    return np.array([x, *(y or [0.0]), z]) / size
-
-
-def find_obstacles(data: xr.Dataset) -> list[Obstacle]:
+def find_obstacles(result: Result) -> list[Obstacle]:
     """Return the obstacles of a result."""
+    data = result.dataset
     if "obstacle_position" not in data:
         return []
     paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)
-    tables = tomllib.loads(str(data.attrs["scenario"])).get("obstacle", [])
-    axes: list[np.ndarray | None] = [None] * len(tables)
+    described = result.scenario.obstacle
+    axes: list[np.ndarray | None] = [None] * len(described)
     if "obstacle_axis" in data:
         axes = list(np.moveaxis(in_space(data, "obstacle_axis"), 1, 0))
-    rows = enumerate(zip(tables, paths, axes, strict=True))
+    rows = enumerate(zip(described, paths, axes, strict=True))
     return [Obstacle.of(str(i), *row, _solid(data, i)) for i, row in rows]
 
 
@@ -248,10 +235,11 @@ def _solid(data: xr.Dataset, index: int) -> SolidShape | None:
     return SolidShape(points, facets.reshape(-1, 3))
 
 
-def check_obstacles(data: xr.Dataset, path: object) -> None:
+def check_obstacles(result: Result, path: object) -> None:
     """Refuse a result of a path whose obstacles cannot be drawn."""
     try:
-        find_obstacles(data)
-    except (LookupError, TypeError, ValueError, ZeroDivisionError) as error:
-        text = f"its scenario does not describe its obstacles ({type(error).__name__}: {error})"
+        find_obstacles(result)
+    except (LookupError, ValueError) as error:
+        reason = str(error).partition("\n")[0]
+        text = f"its scenario does not describe its obstacles ({type(error).__name__}: {reason})"
         raise ReportError(f"{path}: not a crinoid result, {text}") from error

@@ -1,18 +1,27 @@
 """The base of an arm over time, or the submarine that carries it: attitude, place, direction."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from crinoid.foundation.axes import CHANNEL_TABLE
-from crinoid.results.scene.data import in_space, read_scenario
+from crinoid.results.scene.data import in_space
 from crinoid.results.scene.mesh import Rotations, unit_vectors
+from crinoid.scenario import Scenario, ScenarioError
+
+if TYPE_CHECKING:
+    from crinoid.results.result import Result
 
 _SHIFTS = {row.name: "xyz".index(row.axis) for row in CHANNEL_TABLE if not row.turns}
+
+_POSES = {"base_servo", "base_pose", "vehicle_pose"}
 
 Path = Float[np.ndarray, "time axis=3"]
 Angles = Float[np.ndarray, " time"]
@@ -40,88 +49,65 @@ class ArmMount:
         return self.floats or self.hull is not None
 
 
-def find_mount(data: xr.Dataset) -> ArmMount:
+def find_mount(result: Result) -> ArmMount:
     """Return how the root of an arm is held at each record."""
-    records = data.sizes["time"]
-    attitude = attitudes(data)
-    servo = data.get("base_servo", data.get("base_pose"))
-    shift, rails = np.zeros((records, 3)), []
-    if servo is not None and "channel" in data.coords:
-        for name, axis in _SHIFTS.items():
-            shift[:, axis] = _channel(servo, name)
-            if shift[:, axis].any() and "channel_lower" in data:
-                low = float(data["channel_lower"].sel(channel=name))
-                high = float(data["channel_upper"].sel(channel=name))
-                if low < high:
-                    rails.append((axis, low, high))
-    root = in_space(data.isel(node=0), "position")
-    anchor = root - np.einsum("tij,tj->ti", attitude, shift)
-    level = _direction(*_set_angles(data))[0]
-    direction, floats = base_directions(data), has_vehicle(data)
-    size = _vehicle(data).get("hull")
-    hull = None if size is None else (float(size["length"]), float(size["diameter"]))
-    return ArmMount(anchor, direction, attitude, level, tuple(rails), floats, hull)
+    data = result.dataset
+    poses, travel = {}, {}
+    if "channel" in data.coords:
+        for name in map(str, data["channel"].values):
+            for kind in _POSES & set(data):
+                poses[kind, name] = np.asarray(data[kind].sel(channel=name).values, float)
+            if "channel_lower" in data:
+                ends = (data[f"channel_{end}"].sel(channel=name) for end in ("lower", "upper"))
+                low, high = map(float, ends)
+                travel[name] = low, high
+    scenario = None
+    with suppress(KeyError, ScenarioError):  # else the arm tells how it leaves the base
+        scenario = result.scenario
+    return mount_of(scenario, in_space(data.isel(node=[0, 1]), "position"), poses, travel)
 
 
-def base_word(data: xr.Dataset) -> str:
-    """Return the noun for the base of an arm."""
-    return "submarine" if _vehicle(data) else "base"
+def mount_of(
+    scenario: Scenario | None,
+    root: Float[np.ndarray, "time node=2 axis=3"],
+    poses: Mapping[tuple[str, str], Angles],
+    travel: Mapping[str, tuple[float, float]],
+) -> ArmMount:
+    """Return how the root of an arm is held, from its first two nodes.
 
-
-def has_vehicle(data: xr.Dataset) -> bool:
-    """Return whether a submarine carries the arm of a result."""
-    return "mass" in _vehicle(data)
-
-
-def base_directions(data: xr.Dataset) -> Path:
-    """Return unit vectors along which the base points.
-
-    The scenario and the base's pose give them; without a scenario it is the direction of the first
-    edge, which on a pinned mount is only nearly the same.
+    ``poses`` has the values over time of ``base_servo``, ``base_pose`` and ``vehicle_pose`` by the
+    channel, ``travel`` the ends of the travel of channels.
     """
-    if "tilt_deg" not in _base(data):
-        first = in_space(data.isel(node=[0, 1]), "position")
-        return unit_vectors(first[:, 1] - first[:, 0])
-    tilt, pan = _set_angles(data)
-    if "base_pose" in data and "channel" in data.coords:
-        tilt = tilt + _channel(data["base_pose"], "tilt")
-        pan = pan + _channel(data["base_pose"], "pan")
-    return np.asarray(np.einsum("tij,tj->ti", attitudes(data), _direction(tilt, pan)))
+    zero = np.zeros(len(root))
 
+    def values(kind: str, channel: str) -> Angles:
+        return poses.get((kind, channel), zero)
 
-def attitudes(data: xr.Dataset) -> Rotations:
-    """Return the attitudes of the submarine: level unless it floats."""
-    if "vehicle_pose" not in data:
-        return np.tile(np.eye(3), (data.sizes["time"], 1, 1))
-    pan, tilt, roll = (_channel(data["vehicle_pose"], name) for name in ("pan", "tilt", "roll"))
+    servo = "base_servo" if any(kind == "base_servo" for kind, _ in poses) else "base_pose"
+    pan, tilt, roll = (values("vehicle_pose", name) for name in ("pan", "tilt", "roll"))
     # a tilt lifts x, which is a negative turn about y
-    return Rotation.from_euler("ZYX", np.stack([pan, -tilt, roll], axis=1)).as_matrix()
-
-
-def _set_angles(data: xr.Dataset) -> tuple[Angles, Angles]:
-    """Return tilt and pan of the base in the scenario (rad)."""
-    base = _base(data)
-    tilt, pan = (np.deg2rad([float(base.get(f"{name}_deg", 0.0))]) for name in ("tilt", "pan"))
-    return tilt, pan
-
-
-def _vehicle(data: xr.Dataset) -> dict[str, Any]:
-    vehicle = read_scenario(data).get("vehicle")
-    return vehicle if isinstance(vehicle, dict) else {}
-
-
-def _base(data: xr.Dataset) -> dict[str, Any]:
-    base = read_scenario(data).get("base")
-    return base if isinstance(base, dict) else {}
+    attitude = Rotation.from_euler("ZYX", np.stack([pan, -tilt, roll], axis=1)).as_matrix()
+    shift, rails = np.zeros((len(root), 3)), []
+    for name, axis in _SHIFTS.items():
+        shift[:, axis] = values(servo, name)
+        low, high = travel.get(name, (0.0, 0.0))
+        if shift[:, axis].any() and low < high:
+            rails.append((axis, low, high))
+    anchor = root[:, 0] - np.einsum("tij,tj->ti", attitude, shift)
+    if scenario is None:  # on a pinned mount only nearly the direction of the base
+        direction = unit_vectors(root[:, 1] - root[:, 0])
+        return ArmMount(anchor, direction, attitude, direction[0], tuple(rails))
+    tilt, pan = np.deg2rad([[scenario.base.tilt_deg], [scenario.base.pan_deg]])
+    turned = _direction(tilt + values("base_pose", "tilt"), pan + values("base_pose", "pan"))
+    direction = np.asarray(np.einsum("tij,tj->ti", attitude, turned))
+    vehicle, hull = scenario.vehicle, None
+    if vehicle is not None and vehicle.hull is not None:
+        hull = vehicle.hull.length, vehicle.hull.diameter
+    floats = vehicle is not None and vehicle.floats
+    level = _direction(tilt, pan)[0]
+    return ArmMount(anchor, direction, attitude, level, tuple(rails), floats, hull)
 
 
 def _direction(tilt: Angles, pan: Angles) -> Path:
     level = np.cos(tilt)
     return np.stack([level * np.cos(pan), level * np.sin(pan), np.sin(tilt)], axis=-1)
-
-
-def _channel(data: xr.DataArray, channel: str) -> Float[np.ndarray, " time"]:
-    """Return values of a channel, zero without it."""
-    if channel not in data["channel"].values:
-        return np.zeros(data.sizes["time"])
-    return np.asarray(data.sel(channel=channel).values, float)

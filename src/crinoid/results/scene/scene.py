@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from crinoid.results.chunks import chosen_pieces, join
 from crinoid.results.report_error import ReportError
+from crinoid.results.result import Result
 from crinoid.results.scene.data import (
     Indices,
     Obstacle,
@@ -153,11 +154,14 @@ class Scene:
     members: tuple[Keyframes, ...]
 
 
-def build_scene(members: list[tuple[str, xr.Dataset]], most: int, most_nodes: int) -> Scene:
-    """Return the scene of some runs, each at no more than a number of instants and nodes."""
-    first = members[0][1]
-    runs = tuple(keyframes(label, data, most, most_nodes) for label, data in members)
-    return Scene(is_spatial(first), arm_length(first.isel(time=[0])), first.sizes["node"], runs)
+def build_scene(result: Result, most: int | None = None, most_nodes: int | None = None) -> Scene:
+    """Return the scene of a run, and of the one without control where it exists.
+
+    With numbers each has at most as many instants and nodes.
+    """
+    data = result.dataset
+    runs = tuple(keyframes(label, each, most, most_nodes) for label, each in result.members)
+    return Scene(is_spatial(data), arm_length(data.isel(time=[0])), data.sizes["node"], runs)
 
 
 def colour_ranges(scene: Scene) -> dict[str, tuple[float, float]]:
@@ -182,11 +186,14 @@ def omission_notes(scene: Scene) -> list[str]:
     ]
 
 
-def keyframes(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Keyframes:
-    """Return a run at no more than a number of instants and nodes."""
+def keyframes(
+    label: str, result: Result, most: int | None = None, most_nodes: int | None = None
+) -> Keyframes:
+    """Return a run, at no more than a number of instants and nodes."""
+    data = result.dataset
     records = data.sizes["time"]
-    nodes = even_indices(data.sizes["node"], most_nodes)
-    at = even_indices(records, most)
+    nodes = even_indices(data.sizes["node"], most_nodes or data.sizes["node"])
+    at = even_indices(records, most or records)
     there = [name for name in _DRAWN if name in data]
     chosen = join(list(chosen_pieces(data, there, at)))
     whole = shaped(chosen["position"].transpose("time", "node", "axis").values.astype(float))
@@ -196,8 +203,9 @@ def keyframes(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Keyfr
     if not whole.any():
         raise ReportError("no instant can be drawn: at each a number is not finite, or too large")
     some = chosen.isel(time=np.flatnonzero(whole))
+    shown = Result(some)
     position, length = in_space(some, "position"), arm_length(some)
-    obstacles = tuple(find_obstacles(some))
+    obstacles = tuple(find_obstacles(shown))
     diameter = np.full(data.sizes["node"], _THICK * length)
     if "diameter" in some:
         diameter = np.asarray(some["diameter"].values, float)
@@ -213,10 +221,10 @@ def keyframes(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Keyfr
         diameter[nodes],
         in_space(some, "tip_target"),
         tuple(fields),
-        find_mount(some),
+        find_mount(shown),
         obstacles,
         find_water(some, position, length),
-        find_tool(some),
+        find_tool(shown),
         tool_held(some),
     )
 

@@ -13,8 +13,9 @@ from mcap_ros2.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from crinoid.foundation.result_variables import LARGE
+from crinoid.results.result import Result
 from crinoid.results.scene.bodies import COLOURS, RigidBody, rigid_bodies
-from crinoid.results.scene.data import in_space, read_scenario
+from crinoid.results.scene.data import in_space
 from crinoid.results.scene.mesh import Rotations, look_rotation, quaternions
 from crinoid.results.scene.mount import Path as Places
 from crinoid.results.scene.scene import Keyframes, Scene
@@ -157,7 +158,7 @@ def joints_of(data: xr.Dataset, topic: str) -> list[tuple[str, str, int]]:
 
     Channels that stay put are left out, and commands where there is no controller.
     """
-    if topic == "/commands" and read_scenario(data).get("control", {}).get("kind") == "none":
+    if topic == "/commands" and Result(data).known_scenario.control.kind == "none":
         return []
     found = []
     for variable, dim in _JOINTS[topic].items():
@@ -179,7 +180,7 @@ def _joints(data: xr.Dataset, topic: str, stamps: Stamps) -> Messages:
     rows, names = np.stack(columns, axis=1).astype(float), [name for _, name, _ in joints]
     if topic == "/commands":
         # a result has the command of a time step at its end; before the start there is none
-        step = read_scenario(data).get("simulation", {}).get("time_step", 0.0)
+        step = Result(data).known_scenario.simulation.time_step
         stamps = np.maximum(stamps - _nanoseconds(np.array(step)), 0)
         last = np.append(np.diff(stamps) > 0, True)
         stamps, rows = stamps[last], rows[last]

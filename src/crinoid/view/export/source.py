@@ -10,12 +10,12 @@ from jaxtyping import Int
 from crinoid.assembly.description import POLICY, is_policy
 from crinoid.foundation.status import Status
 from crinoid.results.chunks import chosen_pieces
+from crinoid.results.reading import checked_result, read_result
 from crinoid.results.report_error import ReportError
-from crinoid.results.result import Result
+from crinoid.results.result import RESULT, UNCONTROLLED, Result
 from crinoid.results.scene.data import even_indices
 from crinoid.results.scene.mesh import Rotations, arm_attitudes
 from crinoid.results.scene.scene import Keyframes, Scene, build_scene, omission_notes
-from crinoid.view.figures.run import RESULT, UNCONTROLLED, checked_result, read_result
 from crinoid.view.refusals import EXPORTS, require_path
 
 
@@ -87,9 +87,10 @@ def open_table(path: Path, most: int) -> Source:
 
 def open_shapes(path: Path, most: int, nodes: int | None = None) -> tuple[Source, Scene]:
     """Open a result for shapes at no more than some instants and nodes."""
-    data = checked_result(path, lazily=True)
+    result = checked_result(path, lazily=True)
+    data = result.dataset
     try:
-        scene = build_scene([("", data)], most, nodes or data.sizes["node"])
+        scene = build_scene(result, most, nodes)
     except ReportError as error:
         raise ReportError(f"{path}: {error}") from error
     (run,) = scene.members

@@ -77,7 +77,8 @@ def write_page(folder: FilePath) -> Path:
         Where `result.nc` or `cases.csv` is, and the page will be.
     """
     from crinoid.results.metrics import CASES
-    from crinoid.view.figures.run import RESULT, open_run
+    from crinoid.results.reading import open_drawable
+    from crinoid.results.result import RESULT
     from crinoid.view.page.parts import PAGE
 
     folder = Path(folder)
@@ -88,4 +89,4 @@ def write_page(folder: FilePath) -> Path:
         return write_study(read_cases(folder / CASES), folder, folder)
     from crinoid.view.page.write import write_run
 
-    return write_run(open_run(folder / RESULT, lazily=True), folder / PAGE)
+    return write_run(open_drawable(folder / RESULT, lazily=True), folder / PAGE)

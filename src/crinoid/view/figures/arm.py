@@ -7,11 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
+from crinoid.results.result import Result
 from crinoid.results.scene.bodies import mount_bodies
 from crinoid.results.scene.clip import arm_outline, convex_outline
 from crinoid.results.scene.data import (
     Point,
     arm_length,
+    base_word,
     even_indices,
     find_obstacles,
     in_space,
@@ -20,7 +22,7 @@ from crinoid.results.scene.data import (
     target_word,
 )
 from crinoid.results.scene.mesh import Facets, arm_facets
-from crinoid.results.scene.mount import base_directions, base_word, find_mount
+from crinoid.results.scene.mount import find_mount
 from crinoid.results.scene.projection import View
 from crinoid.view.figures.style import GREY, INK, PALE, VERMILLION, time_map, timed
 from crinoid.view.figures.surroundings import (
@@ -45,7 +47,7 @@ def points_of(data: xr.Dataset) -> Float[np.ndarray, "point axis=3"]:
     """Points that a window must contain to show a run, without its water."""
     thick = float(np.max(data["diameter"].values)) if "diameter" in data else 0.0
     places = in_space(data, "position").reshape(-1, 3)
-    near = obstacle_points(find_obstacles(data), places, arm_length(data))
+    near = obstacle_points(find_obstacles(Result(data)), places, arm_length(data))
     points = [places - thick / 2, places + thick / 2, in_space(data, "tip_target"), near]
     points.append(tool_facets(data).reshape(-1, 3))
     return np.concatenate(points)
@@ -63,7 +65,7 @@ def draw_arm(
 
     draw_obstacles(axes, data, chosen, low, high, view)
     # an arm that points toward the eye is in front of its base
-    hull = 0.9 if view.depth(base_directions(data.isel(time=[-1]))[0]) > 1e-9 else 3.0
+    hull = 0.9 if view.depth(find_mount(Result(data.isel(time=[-1]))).direction[0]) > 1e-9 else 3.0
     for facets, colour, name in mount_facets(data, 0.01):
         part = Polygon(convex_outline(view.paper(facets).reshape(-1, 2)), closed=True)
         order, label = (1.5, None) if name == "clamp" else (hull, name)
@@ -108,7 +110,7 @@ def _draw_tip(axes: Axes, data: xr.Dataset, view: View) -> None:
         axes.plot(*target.T, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=4.5)
     (ring,) = axes.plot(*target[-1], "o", markersize=8.5, mfc="none", mec=INK, mew=1.2, zorder=5)
     ring.set(linestyle=(0, (4, 2)) if wanders else "none", linewidth=1.0, color=INK)
-    ring.set_label(target_word(data) + (" (ring: at the end)" if wanders else ""))
+    ring.set_label(target_word(Result(data)) + (" (ring: at the end)" if wanders else ""))
 
 
 def mount_facets(data: xr.Dataset, longest: float = 0.05) -> list[tuple[Facets, str, str]]:
@@ -116,10 +118,10 @@ def mount_facets(data: xr.Dataset, longest: float = 0.05) -> list[tuple[Facets, 
     last = data.isel(time=[-1])
     root, length = in_space(last, "position")[:, 0], arm_length(data)
     thick = float(data["diameter"].values[0]) / 2 if "diameter" in data else 0.01 * length
-    looks = {"hull": (GREY, base_word(data)), "steel": (_STEEL, "clamp")}
+    looks = {"hull": (GREY, base_word(Result(data).known_scenario)), "steel": (_STEEL, "clamp")}
     return [
         (body.transform(body.shape.mesh(longest * length).facets, 0), *looks[body.material])
-        for body in mount_bodies(find_mount(last), root, thick, length)
+        for body in mount_bodies(find_mount(Result(last)), root, thick, length)
     ]
 
 

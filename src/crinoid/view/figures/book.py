@@ -1,6 +1,7 @@
 """The book of figures that belongs to a result or a study: which are drawn, and where to."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,18 +16,12 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
+from crinoid.results.reading import load_as, open_drawable
 from crinoid.results.report_error import ReportError
-from crinoid.results.result import TRAINING
+from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result
 from crinoid.results.scene.data import is_spatial
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
-from crinoid.view.figures.charts.chart import Chart
-from crinoid.view.figures.charts.drive import drive_chart, energy_chart
-from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
-from crinoid.view.figures.charts.spectra import has_loads, load_chart
-from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
 from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
@@ -34,7 +29,6 @@ from crinoid.view.figures.estimate import draw_estimate
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.response import draw_response
-from crinoid.view.figures.run import RESULT, UNCONTROLLED, Run, load_as, open_run
 from crinoid.view.figures.searches import (
     draw_identification,
     draw_optimisation,
@@ -51,22 +45,15 @@ from crinoid.view.page.study import registry_of, title_of, write_study
 from crinoid.view.page.write import write_run
 from crinoid.view.refusals import require_figures, require_path
 
-
-def _of(chart: Callable[[Run], Chart]) -> Callable[[Run], Figure]:
-    return lambda run: draw_chart(chart(run), run)
-
-
-_FIGURES: dict[str, Callable[[Run], Figure]] = {
-    "shape.png": draw_shape,
-    "tip_error.png": _of(tip_chart),
-    "tip_path.png": draw_close_up,
-    "commands.png": _of(drive_chart),
-    "energy.png": _of(energy_chart),
-    "bending.png": draw_bending,
+_FIGURES: dict[str, Callable[[Result], Figure]] = {
+    "shape": draw_shape,
+    "tip_path": draw_close_up,
+    "bending": draw_bending,
 }
+"""Figures of a run by their names, beside those of its charts."""
 
-_SPACE = {"shape.png": draw_sheet}  # figures that differ for an arm in space
-_AT_REST = ("shape.png", "bending.png")
+_SPACE = {"shape": draw_sheet}  # figures that differ for an arm in space
+_AT_REST = ("shape", "bending")
 
 
 class _Finding(NamedTuple):
@@ -215,18 +202,16 @@ def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
 
 
 def _write_run(path: Path, out: Path, form: str) -> list[Path]:
-    run = open_run(path)
-    figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
-    figures |= {"estimate.png": _of(estimate_chart)} if has_estimate(run) else {}
-    figures |= {"loads.png": _of(load_chart)} if has_loads(run) else {}
-    figures |= {"cycles.png": draw_cycles} if has_cycles(run) else {}
-    figures |= {"vehicle.png": _of(vehicle_chart)} if has_vehicle_motion(run) else {}
-    figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
-    figures |= {"vortices.png": _of(vortex_chart)} if has_vortices(run) else {}
-    if run.result.sizes["time"] == 1:  # nothing changes
+    run = open_drawable(path)
+    figures = _FIGURES | (_SPACE if is_spatial(run.dataset) else {})
+    figures |= {"cycles": draw_cycles} if has_cycles(run) else {}
+    if run.dataset.sizes["time"] == 1:  # nothing changes
         figures = {name: figures[name] for name in _AT_REST}
+    else:
+        charts = [(name, chart) for name, chart in charts_of(run) if name]
+        figures |= {name: partial(draw_chart, chart) for name, chart in charts}
     drawn = [
-        _save(lambda draw=draw: draw(run), (out / name).with_suffix(f".{form}"), path)
+        _save(lambda draw=draw: draw(run), out / f"{name}.{form}", path)
         for name, draw in figures.items()
     ]
     return [*drawn, write_run(run, out / PAGE)]

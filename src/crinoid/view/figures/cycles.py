@@ -9,22 +9,21 @@ from crinoid.results.units import length_unit
 from crinoid.view.figures import style
 from crinoid.view.figures.charts.chart import MEMBER_ROLES
 from crinoid.view.figures.paper import colour
-from crinoid.view.figures.run import Run
 
 
-def has_cycles(run: Run) -> bool:
+def has_cycles(run: Result) -> bool:
     """Whether the arm bends to and fro."""
     return any(found.number > 0 for found in _cycles(run).values())
 
 
-def draw_cycles(run: Run) -> Figure:
+def draw_cycles(run: Result) -> Figure:
     """Draw the cumulative number of cycles over their range, where the range is largest."""
     figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
     axes = figure.subplots()
     for (who, found), role in zip(_cycles(run).items(), MEMBER_ROLES, strict=False):
         if not found.number:
             continue
-        place = length_unit(run.scenario.arm.length).text(found.station)
+        place = length_unit(run.known_scenario.arm.length).text(found.station)
         words = f"{found.number:g} cycles {place} from the root, equivalent range "
         words += f"{found.equivalent_range:.3g} 1/m"
         ranges, counts = np.append(found.ranges, 0.0), np.cumsum(found.counts)
@@ -38,6 +37,6 @@ def draw_cycles(run: Run) -> Figure:
     return figure
 
 
-def _cycles(run: Run) -> dict[str, BendingCycles]:
-    found = {who: bending_cycles(Result(data)) for who, data in run.members}
+def _cycles(run: Result) -> dict[str, BendingCycles]:
+    found = {who: bending_cycles(each) for who, each in run.members}
     return {who: each for who, each in found.items() if each is not None}

@@ -7,16 +7,16 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from crinoid.results.result import Result
 from crinoid.view.figures import style
 from crinoid.view.figures.charts.chart import Chart, Panel, Role, Trace
-from crinoid.view.figures.run import Run
 
 _COLOURS = {"run": style.BLUE, "free": style.VERMILLION, "ink": style.INK, "faint": style.GREY}
 _COLOURS |= style.AXIS_COLOURS
 _DASHED = (0, (4, 2))
 
 
-def draw_chart(chart: Chart, run: Run) -> Figure:
+def draw_chart(chart: Chart, run: Result) -> Figure:
     """Draw the panels of a chart of a run below each other."""
     panels = chart.filled
     heights = [panel.tall for panel in panels]
@@ -29,7 +29,7 @@ def draw_chart(chart: Chart, run: Run) -> Figure:
     if panels[-1].over:
         drawn[-1].set_xlabel("frequency (Hz)")
     else:
-        style.share_time(drawn, run.result["time"].values)
+        style.share_time(drawn, run.dataset["time"].values)
     figure.align_ylabels([axes for axes in drawn if axes.get_ylabel()])
     style.head(figure, run.title, run.status)
     if chart.remark:

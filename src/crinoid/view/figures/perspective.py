@@ -14,6 +14,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
 from crinoid.foundation.axes import AXES
+from crinoid.results.result import Result
 from crinoid.results.scene import clip
 from crinoid.results.scene.data import (
     Point,
@@ -161,7 +162,7 @@ def draw_scene(scene: PerspectivePlot, data: xr.Dataset) -> None:
         if moves(path):
             scene.add_line(path[even_indices(len(path), _PATH)], colour)
     add_arm(scene, data)
-    for obstacle in find_obstacles(data):
+    for obstacle in find_obstacles(Result(data)):
         if obstacle.kind == "plane":
             # behind everything, or transparent in front where the eye is inside it
             foot = obstacle.nearest(-1, (low + high) / 2)

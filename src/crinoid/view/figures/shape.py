@@ -10,6 +10,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from crinoid.results.errors import counted
+from crinoid.results.result import Result
 from crinoid.results.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
 from crinoid.results.units import largest, length_unit
@@ -18,7 +20,6 @@ from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points
 from crinoid.view.figures.charts.spectra import miss, spectrum_panel
 from crinoid.view.figures.paper import draw_panel
 from crinoid.view.figures.perspective import DARK, add_arm
-from crinoid.view.figures.run import Run
 from crinoid.view.figures.sheet import (
     LEFT,
     box_around,
@@ -41,9 +42,9 @@ _KAPPAS = ("kappa_1", "kappa_2")
 _STRAIGHT = 1e-9  # 1/m, rad/m or N: less is nothing
 
 
-def draw_bending(run: Run) -> Figure:
+def draw_bending(run: Result) -> Figure:
     """Draw bending, tension and twist along the arm, in space below the arm at the end."""
-    spatial, count = is_spatial(run.result), len(run.members)
+    spatial, count = is_spatial(run.dataset), len(run.members)
     rows = ["kappa_1", "kappa_2", "twist", "tension"] if spatial else ["curvature", "tension"]
     lines = 0.5 + 1.6 * len(rows)
     arms = (3.5 if count == 1 else 2.5) if spatial else 0.15
@@ -54,12 +55,13 @@ def draw_bending(run: Run) -> Figure:
     if spatial:
         style.lay_out_below(figure, lines)
     panels = figure.subplots(len(rows), count, sharex=True, sharey="row", squeeze=False)
-    for column, (label, data) in enumerate(run.members):
+    for column, (label, each) in enumerate(run.members):
+        data = each.dataset
         if spatial:
             wide = (style.WIDTH - LEFT - 0.4) / count
             arm = style.add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
-            inside = [in_space(member, "position")[-1] for _, member in run.members]
-            inside += [mount_points(member) for _, member in run.members]
+            inside = [in_space(member.dataset, "position")[-1] for _, member in run.members]
+            inside += [mount_points(member.dataset) for _, member in run.members]
             scene = fit_scene(arm, *box_around(np.concatenate(inside)))
             add_arm(scene, data)
             if "diameter" not in data:
@@ -74,17 +76,17 @@ def draw_bending(run: Run) -> Figure:
                 axes.set_ylabel(ROWS[name])
         panels[-1, column].set_xlabel("distance from the root (m)")
     for (axes, *_), name in zip(panels, rows, strict=True):
-        shown = [_values(data, name) for _, data in run.members]
+        shown = [_values(each.dataset, name) for _, each in run.members]
         if largest(*(values for values in shown if values is not None)) < _STRAIGHT:
             axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
     figure.align_ylabels(panels[:, 0])
-    if "director" in run.result:
+    if "director" in run.dataset:
         sides = {"side of the director $m_1$": DARK, "other side": style.PALE}
         look: Any = {"edgecolor": style.INK, "linewidth": 0.5}
         halves = [Patch(facecolor=ink, label=label, **look) for label, ink in sides.items()]
         below = (0.5, lines / tall)
         figure.legend(handles=halves, loc="lower center", bbox_to_anchor=below, ncols=2)
-    style.time_bar(figure, run.result, ax=panels, label="time (s)", aspect=40, pad=0.015)
+    style.time_bar(figure, run.dataset, ax=panels, label="time (s)", aspect=40, pad=0.015)
     return figure
 
 
@@ -116,10 +118,10 @@ _MARGIN = 0.04  # around everything, of the larger extent
 _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the water is
 
 
-def draw_shape(run: Run) -> Figure:
+def draw_shape(run: Result) -> Figure:
     """Draw the arm over time, and the arm without control at the same scale where it exists."""
     run, about = in_best_frame(run)
-    members = run.members
+    members = [(label, each.dataset) for label, each in run.members]
     currents = [find_current(data, SIDE) for _, data in members]
     scale = max(current.scale for current in currents)
     low, high = _extent([data for _, data in members], currents, scale)
@@ -137,7 +139,9 @@ def draw_shape(run: Run) -> Figure:
     return figure
 
 
-def _panels(low: PaperPoint, high: PaperPoint, run: Run, about: str) -> tuple[Figure, list[Axes]]:
+def _panels(
+    low: PaperPoint, high: PaperPoint, run: Result, about: str
+) -> tuple[Figure, list[Axes]]:
     """Make equal panels that show a window, and the title and colour bar around them.
 
     `about` is the origin of positions, other than that of the world. Equal axes leave a layout
@@ -151,7 +155,7 @@ def _panels(low: PaperPoint, high: PaperPoint, run: Run, about: str) -> tuple[Fi
     panel = window * min(room / window)
     # both sides share what a narrow panel leaves
     left += (style.WIDTH - left - right - gap[0] * (columns - 1) - columns * panel[0]) / 2
-    below = 1.13 if any(find_obstacles(data) for _, data in run.members) else 0.95  # a longer key
+    below = 1.13 if any(find_obstacles(each) for _, each in run.members) else 0.95  # a longer key
     inner = rows * panel[1] + (rows - 1) * gap[1]
 
     above = style.head_height(run.title, run.status, style.WIDTH) + (0.3 if count > 1 else 0.22)
@@ -173,7 +177,7 @@ def _panels(low: PaperPoint, high: PaperPoint, run: Run, about: str) -> tuple[Fi
         axes.set_ylabel(up if column == 0 else "")
         panels.append(axes)
     right_of = left + columns * panel[0] + (columns - 1) * gap[0] + 0.15
-    style.narrow_time_bar(figure, run.result, right_of, below, inner)
+    style.narrow_time_bar(figure, run.dataset, right_of, below, inner)
     return figure, panels
 
 
@@ -194,10 +198,10 @@ def _extent(
     return low, high
 
 
-def draw_close_up(run: Run) -> Figure:
+def draw_close_up(run: Result) -> Figure:
     """Draw the tip's path about its target, each run at its own scale, and the error's spectrum."""
-    views = (ABOVE, SIDE, AHEAD) if is_spatial(run.result) else (SIDE,)
-    members = run.members
+    views = (ABOVE, SIDE, AHEAD) if is_spatial(run.dataset) else (SIDE,)
+    members = [(label, each.dataset) for label, each in run.members]
     # planar runs are drawn next to each other, those in space below each other
     shape = (len(members), len(views)) if len(views) > 1 else (1, len(members))
     high = 2.5 * shape[0] if max(shape) > 1 else 4.2
@@ -207,7 +211,8 @@ def draw_close_up(run: Run) -> Figure:
     misses = [miss(data) for _, data in members]
     # each at its own scale, and the smaller window shown in the larger one
     halves = [1.1 * (largest(each) or 5e-4) for each in misses]
-    for some, (label, data), off, half in zip(panels, members, misses, halves, strict=True):
+    for some, (label, each), off, half in zip(panels, run.members, misses, halves, strict=True):
+        data = each.dataset
         for axes, view in zip(some, views, strict=True):
             _path(axes, data, view, off, half)
             if half > halves[0]:
@@ -216,10 +221,10 @@ def draw_close_up(run: Run) -> Figure:
                 window = Rectangle((corner, corner), wide, wide, fill=False, edgecolor=style.INK)
                 window.set(zorder=4, label="window with control")
                 axes.add_patch(window)
-        rms = float(np.sqrt(np.nanmean(np.sum(off[run.counted(data)] ** 2, axis=1))))
+        rms = float(np.sqrt(np.nanmean(np.sum(off[counted(each)] ** 2, axis=1))))
         words = f"{label}: RMS" if label else "RMS"
         some[0].set_title(f"{words} {length_unit(half).text(rms)}", loc="left")
-    style.time_bar(figure, run.result, ax=panels, label="time (s)", aspect=25)
+    style.time_bar(figure, run.dataset, ax=panels, label="time (s)", aspect=25)
     spectrum = figure.add_subplot(rows[1])
     draw_panel(spectrum, spectrum_panel(run))
     spectrum.set_xlabel("frequency (Hz)")
@@ -242,7 +247,7 @@ def _path(
     axes.plot(
         *points[-1], "o", color=style.VERMILLION, markersize=4, zorder=5, label="tip at the end"
     )
-    word = target_word(data)
+    word = target_word(Result(data))
     (ring,) = axes.plot(0.0, 0.0, "o", markersize=8.5, mfc="none", mec=style.INK, mew=1.2)
     ring.set(zorder=5, label=word)
     limit = half * unit.factor

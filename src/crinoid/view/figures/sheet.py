@@ -9,6 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from crinoid.results.result import Result
 from crinoid.results.scene.clip import box_corners
 from crinoid.results.scene.data import Point, arm_length
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View, perspective
@@ -16,20 +17,20 @@ from crinoid.results.units import largest
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import Chosen, draw_arm, mount_points, points_of
 from crinoid.view.figures.perspective import PerspectivePlot, draw_scene
-from crinoid.view.figures.run import Run
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
 
 _FAR = 1.5  # travel of the base, of the arm's length, from which on the arm would look small
 _PLACES = ("position", "tip_position", "tip_target", "obstacle_position")
 
 
-def in_best_frame(run: Run) -> tuple[Run, str]:
+def in_best_frame(run: Result) -> tuple[Result, str]:
     """Return a run relative to the world, or to a base that travels far, and words on which."""
-    length = arm_length(run.result)
-    if max(base_travel(data) for _, data in run.members) <= _FAR * length:
+    length = arm_length(run.dataset)
+    if max(base_travel(each.dataset) for _, each in run.members) <= _FAR * length:
         return run, ""
-    other = None if run.uncontrolled is None else relative_to_base(run.uncontrolled)
-    return Run(relative_to_base(run.result), other), " from the base"
+    found, *other = (Result(relative_to_base(each.dataset)) for _, each in run.members)
+    found.uncontrolled = other[0] if other else None
+    return found, " from the base"
 
 
 def base_travel(data: xr.Dataset) -> float:
@@ -58,13 +59,13 @@ _CORNER = 0.03  # room between the edge and the key of the water, of the width
 
 def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bool) -> None:
     """Draw a run in a parallel view, with the arm's shape at chosen records, and a legend."""
-    run, about = in_best_frame(Run(data))
-    current = find_current(run.result, view)
-    low, high = window(contents([run.result]), {view: [current]}, current.scale)
+    run, about = in_best_frame(Result(data))
+    current = find_current(run.dataset, view)
+    low, high = window(contents([run.dataset]), {view: [current]}, current.scale)
     (left, bottom), (right, top) = view.paper(low), view.paper(high)
     labels = measured_from(view, about)
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    draw_arm(axes, run.result, low, high, view, chosen)
+    draw_arm(axes, run.dataset, low, high, view, chosen)
     current.draw(axes, current.scale)
     # the window has room at its top for the legend and below it for the key of the water, and the
     # shape of the axes that are given; axes that share its scale keep what they show
@@ -130,14 +131,14 @@ class Block:
         }, style.add_axes(figure, right + _NUMBERS, above, width - _NUMBERS, height)
 
 
-def draw_sheet(run: Run) -> Figure:
+def draw_sheet(run: Result) -> Figure:
     """Draw the arm over time in three projections of one scale, and in perspective.
 
     The views are placed as in third-angle projection: the view from above is above that from the
     side, the view from ahead is right of it. A run without control is drawn below.
     """
     run, about = in_best_frame(run)
-    members = [data for _, data in run.members]
+    members = [each.dataset for _, each in run.members]
     currents = {view: [find_current(data, view) for data in members] for view in VIEWS}
     scale = max(current.scale for some in currents.values() for current in some)
     inside = contents(members)
@@ -153,7 +154,8 @@ def draw_sheet(run: Run) -> Figure:
     style.head(figure, run.title, run.status)
 
     flat: list[Axes] = []
-    for index, (label, data) in enumerate(run.members):
+    for index, (label, each) in enumerate(run.members):
+        data = each.dataset
         foot = below + (len(members) - 1 - index) * (block.height + between)
         panels, corner = block.place(figure, LEFT, foot)
         for view, axes in panels.items():
@@ -168,7 +170,7 @@ def draw_sheet(run: Run) -> Figure:
             figure.text(*place, label, va="bottom", fontsize=9.5, fontweight="bold")
         draw_scene(fit_scene(corner, bottom, top), data)
         style.narrow_time_bar(
-            figure, run.result, style.WIDTH - _RIGHT + 0.15, foot, float(block.extent[2])
+            figure, run.dataset, style.WIDTH - _RIGHT + 0.15, foot, float(block.extent[2])
         )
         if scale > 0.0 and index == 0:
             fastest = max(largest(each.instants) for some in currents.values() for each in some)

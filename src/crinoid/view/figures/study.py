@@ -17,11 +17,11 @@ from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import label_of, unit_of
 from crinoid.results.metrics import MEASURES, Measure, measure_columns, read_rows
 from crinoid.results.report_error import ReportError
+from crinoid.results.result import RESULT
 from crinoid.results.units import Unit, largest
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
 from crinoid.studies.design import SEED
-from crinoid.view.figures.run import RESULT
 
 CaseNumbers = Float[np.ndarray, " case"]
 

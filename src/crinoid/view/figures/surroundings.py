@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
+from crinoid.results.result import Result
 from crinoid.results.scene.bodies import tool_bodies
 from crinoid.results.scene.clip import convex_outline, obstacle_outline, shows_edge
 from crinoid.results.scene.data import (
@@ -38,7 +39,7 @@ _BEHIND = 0.04  # depth shown behind a wall, of the arm's length
 def tool_facets(data: xr.Dataset) -> Facets:
     """Facets of the tool at the last record that has it."""
     records = np.flatnonzero(tool_held(data))
-    tool = find_tool(data)
+    tool = find_tool(Result(data))
     if tool is None:
         return np.empty((0, 4, 3))
     tip = in_space(data, "position")[records[[-1]], -2:]
@@ -68,7 +69,7 @@ def draw_obstacles(
     axes: Axes, data: xr.Dataset, chosen: Indices, low: Point, high: Point, view: View
 ) -> None:
     """Draw obstacles at the end, and those that move also at chosen records."""
-    obstacles, arm = find_obstacles(data), in_space(data, "position")[-1]
+    obstacles, arm = find_obstacles(Result(data)), in_space(data, "position")[-1]
     colours = style.time_map()(style.time_norm(data)(data["time"].values[chosen]))
     round_too = any(obstacle.kind != "plane" for obstacle in obstacles)
     label = "obstacle at the end" if any(obstacle.moves for obstacle in obstacles) else "obstacle"

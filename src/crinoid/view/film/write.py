@@ -12,9 +12,10 @@ from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.metrics import CASES, is_table
 from crinoid.results.own_files import MADE
+from crinoid.results.reading import open_drawable
 from crinoid.results.report_error import ReportError
+from crinoid.results.result import RESULT, Result
 from crinoid.results.scene.scene import Scene, build_scene, omission_notes
-from crinoid.view.figures.run import RESULT, Run, open_run
 from crinoid.view.figures.style import STYLE
 from crinoid.view.film.camera import FilmSettings, film_settings
 from crinoid.view.film.encode import FILMS, Image, check_place, has_encoder, write_gif, write_mp4
@@ -41,11 +42,11 @@ def film_run(
     target = to or source.with_name(FILMS[0 if has_encoder() else 1])
     ending = ending_of(target)
     check_place(target, ending, force=force)
-    run = open_run(source, lazily=True)
-    time = np.asarray(run.result["time"].values, float)
+    run = open_drawable(source, lazily=True)
+    time = np.asarray(run.dataset["time"].values, float)
     frames = film_settings(settings, float(time[0]), float(time[-1]), ending)
     scene = _scene_of(run, frames)
-    status = "" if Status.of(run.status) is Status.OK else run.status
+    status = "" if run.ended is Status.OK else run.status
     comment = f"{MADE} {__version__}"
     with mpl.rc_context(STYLE), atomic_write(target) as temporary, warnings.catch_warnings():
         # letters of a title that no font here has are drawn as boxes
@@ -79,16 +80,18 @@ def _result_of(path: Path) -> Path:
     raise ReportError(f"{path}: contains no result, as there is no {RESULT}")
 
 
-def _scene_of(run: Run, frames: FilmSettings) -> Scene:
+def _scene_of(run: Result, frames: FilmSettings) -> Scene:
     """Return the scene between the first frame and the last, with an instant before and after."""
-    members = []
-    for label, data in run.members:
+    parts = []
+    for _, each in run.members:
+        data = each.dataset
         time = np.asarray(data["time"].values, float)
         begin = max(0, int(np.searchsorted(time, frames.times[0], "right")) - 1)
         end = int(np.searchsorted(time, frames.times[-1], "left")) + 1
         some = slice(min(begin, time.size - 1), max(end, begin + 1))
-        members.append((label, data.isel(time=some)))
-    first = members[0][1]
-    numbers = first.sizes["node"] * first.sizes["axis"] * len(members)
+        parts.append(Result(data.isel(time=some)))
+    first, *other = parts
+    sizes, first.uncontrolled = first.dataset.sizes, other[0] if other else None
+    numbers = sizes["node"] * sizes["axis"] * len(parts)
     most = max(2, min(2 * frames.times.size + 2, _NUMBERS // numbers))
-    return build_scene(members, most, _NODES)
+    return build_scene(first, most, _NODES)

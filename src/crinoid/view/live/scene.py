@@ -4,17 +4,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import tomli_w
 import viser
-import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from crinoid.foundation.axes import AXES, CHANNELS
+from crinoid.foundation.axes import CHANNELS
 from crinoid.recording import SolidSurface
 from crinoid.results.scene.bodies import RigidBody, rigid_bodies
 from crinoid.results.scene.data import Obstacle, SolidShape, ToolBall
 from crinoid.results.scene.mesh import Mesh, look_rotation, tube, unit_vectors
-from crinoid.results.scene.mount import ArmMount, find_mount
+from crinoid.results.scene.mount import ArmMount, mount_of
 from crinoid.results.scene.scene import Keyframes, Scene
 from crinoid.scenario import Scenario
 from crinoid.view.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, SKY, VERMILLION
@@ -46,17 +44,15 @@ class LiveScene:
         self._planar = scenario.arm.dimension == 2
         self.axes = (0, 2) if self._planar else (0, 1, 2)  # axes of space in which the arm moves
         self._diameter = np.maximum(scenario.arm.diameters, 0.008 * self._length)
-        tables = scenario.to_dict()
-        held = {name: of for name, of in tables.items() if name in ("base", "vehicle")}
-        self._channels, self._text = CHANNELS[scenario.arm.dimension], tomli_w.dumps(held)
-        self._obstacles = {str(i): table for i, table in enumerate(tables.get("obstacle", []))}
+        self._held, self._channels = scenario, CHANNELS[scenario.arm.dimension]
+        self._obstacles = list(bodies.added_to(scenario).obstacle)
+        self._names = [str(index) for index in range(len(scenario.obstacle))]
+        self._names += ["debris"] if bodies.debris is not None else []
         self._solids = {
             name.removeprefix("obstacle."): SolidShape(read.points, read.facets)
             for name, read in surfaces.items()
         }
-        if bodies.debris is not None:
-            self._obstacles["debris"] = bodies.debris.table((0.0, 0.0), (0.0, 0.0))
-        self._tool = ToolBall.of(tables["tool"]) if scenario.tool is not None else None
+        self._tool = ToolBall.of(scenario.tool) if scenario.tool is not None else None
         self._fastest, self._trail = 0.0, np.repeat(frame.nodes[-1:], _TRAIL, axis=0)
         self._last = -1.0
         self.dragged = False  # whether a user is dragging the target
@@ -147,9 +143,9 @@ class LiveScene:
             fields=(),
             mount=self._mount(frame),
             obstacles=tuple(
-                Obstacle.of(name, table, place[None], axis, self._solids.get(name))
-                for (name, table), place, axis in zip(
-                    self._obstacles.items(), places, axes, strict=True
+                Obstacle.of(name, described, place[None], axis, self._solids.get(name))
+                for name, described, place, axis in zip(
+                    self._names, self._obstacles, places, axes, strict=True
                 )
             ),
             water=None,
@@ -160,13 +156,14 @@ class LiveScene:
         return [body for body in rigid_bodies(scene, run) if body.name != "target"]
 
     def _mount(self, frame: Snapshot) -> ArmMount:
-        channels = {"base_servo": frame.servo, "base_pose": frame.pose}
-        if frame.vehicle is not None:
-            channels["vehicle_pose"] = frame.vehicle
-        values = {name: (("time", "channel"), each[None]) for name, each in channels.items()}
-        nodes = {"position": (("time", "node", "axis"), frame.nodes[None, :2])}
-        names = {"axis": list(AXES[3]), "channel": list(self._channels)}
-        return find_mount(xr.Dataset(nodes | values, names, {"scenario": self._text}))
+        poses = {"base_servo": frame.servo, "base_pose": frame.pose, "vehicle_pose": frame.vehicle}
+        values = {
+            (kind, name): np.array([value])
+            for kind, pose in poses.items()
+            if pose is not None
+            for name, value in zip(self._channels, pose, strict=True)
+        }
+        return mount_of(self._held, frame.nodes[None, :2], values, {})
 
     def _add_body(self, body: RigidBody) -> tuple[Any, Points]:
         """Add a rigid body; return its handle, and the points of its shape."""

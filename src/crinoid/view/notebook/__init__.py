@@ -13,35 +13,27 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from crinoid.results.reading import with_shapes
 from crinoid.results.result import Result
 from crinoid.results.scene.data import is_spatial
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE
 from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario.errors import got, one_of
-from crinoid.view.figures import run, style
+from crinoid.view.figures import style
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
 from crinoid.view.figures.charts.spectra import load_chart, spectrum_chart
 from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.charts.touch import contact_chart
+from crinoid.view.figures.charts.vehicle import vehicle_chart
+from crinoid.view.figures.charts.vortices import vortex_chart
 from crinoid.view.figures.paper import draw_panel
-from crinoid.view.figures.run import Run
 from crinoid.view.figures.shape import ROWS, draw_lines
 from crinoid.view.figures.sheet import draw_in
 from crinoid.view.page.parts import list_of, table_of
 from crinoid.view.page.write import small_page_of
 
-__all__ = ["Plots", "html_of", "plots_of"]
-
-
-def run_of(result: Result) -> run.Run:
-    """Return the instants of a result, and of that without control, at which shapes are finite."""
-    results = {"result": result.dataset}
-    if result.uncontrolled is not None:
-        results["result without control"] = result.uncontrolled.dataset
-    return run.run_of(results)
+__all__ = ["Plots", "html_of"]
 
 
 @contextmanager
@@ -129,9 +121,9 @@ class Plots:
         ValueError
             If no submarine floats.
         """
-        if not has_vehicle_motion(self._run):
-            raise ValueError("the base is held, so no submarine floats. Add [vehicle].")
-        return self._chart(vehicle_chart, ax)
+        return self._chart(
+            vehicle_chart, ax, nothing="the base is held, so no submarine floats. Add [vehicle]."
+        )
 
     def energy(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot stored energies, works, and the defect of their balance: three panels."""
@@ -149,9 +141,11 @@ class Plots:
         ValueError
             If the run has neither obstacles nor ``contact.self``.
         """
-        if not has_contact(self._run):
-            raise ValueError("the result has no obstacles and no contact.self. Add one of them.")
-        return self._chart(contact_chart, ax)
+        return self._chart(
+            contact_chart,
+            ax,
+            nothing="the result has no obstacles and no contact.self. Add one of them.",
+        )
 
     def vortices(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot the frequency of shedding against the arm's own, and the force: two panels.
@@ -161,9 +155,11 @@ class Plots:
         ValueError
             If the water of the run sheds no vortices.
         """
-        if not has_vortices(self._run):
-            raise ValueError("the water of the run sheds no vortices. Add [water.vortices].")
-        return self._chart(vortex_chart, ax)
+        return self._chart(
+            vortex_chart,
+            ax,
+            nothing="the water of the run sheds no vortices. Add [water.vortices].",
+        )
 
     def shape(
         self,
@@ -194,7 +190,7 @@ class Plots:
         """
         if view not in _VIEWS:
             raise ValueError(f"view: {got(view, f'be {one_of(_VIEWS)}')}")
-        data, chosen = self._run.result, None
+        data, chosen = self._run.dataset, None
         if "position" not in data:
             raise ValueError("the result has no position: output.variables leaves it out")
         if times is not None:
@@ -226,7 +222,7 @@ class Plots:
         ValueError
             If the arm has no such quantity.
         """
-        data = self._run.result
+        data = self._run.dataset
         known = _ALONG[is_spatial(data)]
         if of and of not in known:
             raise ValueError(f"of: {got(of, f'be {one_of(known)}')}")
@@ -238,20 +234,30 @@ class Plots:
             return axes
 
     @property
-    def _run(self) -> Run:
-        return run_of(self._result)
+    def _run(self) -> Result:
+        return _with_shapes(self._result)
 
-    def _panel(self, chart: Callable[[Run], Chart], name: str, ax: Axes | None) -> Axes:
+    def _panel(self, chart: Callable[[Result], Chart | None], name: str, ax: Axes | None) -> Axes:
         (drawn,) = self._chart(chart, None if ax is None else [ax], name)
         return drawn
 
     def _chart(
-        self, chart: Callable[[Run], Chart], ax: Iterable[Axes] | None, only: str = ""
+        self,
+        chart: Callable[[Result], Chart | None],
+        ax: Iterable[Axes] | None,
+        only: str = "",
+        nothing: str = "",
     ) -> list[Axes]:
-        """Draw panels of a chart below each other, or into one of the given axes each."""
+        """Draw panels of a chart below each other, or into one of the given axes each.
+
+        A `ValueError` says that there is ``nothing`` of it.
+        """
         run, given = self._run, None if ax is None else list(ax)
-        panels = [panel for panel in chart(run).panels if only in ("", panel.name)]
-        time = run.result["time"].values
+        found = chart(run)
+        if found is None:
+            raise ValueError(nothing)
+        panels = [panel for panel in found.panels if only in ("", panel.name)]
+        time = run.dataset["time"].values
         with _axes([panel.tall for panel in panels], given) as drawn:
             for axes, panel in zip(drawn, panels, strict=True):
                 if given is not None:  # which may be small
@@ -270,8 +276,6 @@ class Plots:
             drawn[-1].set_xlabel("frequency (Hz)" if panels[-1].over else "time (s)")
             return drawn
 
-
-plots_of = Plots
 
 _HEIGHT = 440
 """Height of the animation (pixels)."""
@@ -299,7 +303,7 @@ def _numbers(result: Result) -> str:
 
 def _animation(result: Result) -> str:
     try:
-        page, left_out = small_page_of(run_of(result))
+        page, left_out = small_page_of(_with_shapes(result))
     except Exception as error:
         return _reason("no animation", error)
     content = page.replace("&", "&amp;").replace("'", "&#39;")
@@ -307,6 +311,10 @@ def _animation(result: Result) -> str:
         f"<iframe srcdoc='{content}' sandbox='allow-scripts' title='The arm over time' "
         f"style='width:100%;height:{_HEIGHT}px;border:0'></iframe>{list_of('Left out', left_out)}"
     )
+
+
+def _with_shapes(result: Result) -> Result:
+    return with_shapes(result, *["result", "result without control"][: len(result.members)])
 
 
 def _reason(omission: str, error: Exception) -> str:

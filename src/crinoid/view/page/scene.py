@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Float
 
+from crinoid.results.result import Result
 from crinoid.results.scene.bodies import rigid_bodies
 from crinoid.results.scene.data import Obstacle, even_indices
 from crinoid.results.scene.projection import OBLIQUE, SIDE
@@ -21,11 +21,11 @@ _FINE = 1 / 16384  # resolution of positions, of the arm's length
 _LEVELS = 250  # levels of a colour
 
 
-def page_scene(members: list[tuple[str, xr.Dataset]]) -> Scene:
+def page_scene(result: Result) -> Scene:
     """Return the scene of a page, of limited instants and nodes."""
-    first = members[0][1]
-    coordinates = min(first.sizes["node"], NODES) * first.sizes["axis"] * len(members)
-    return build_scene(members, max(2, min(FRAMES, NUMBERS // coordinates)), NODES)
+    sizes = result.dataset.sizes
+    coordinates = min(sizes["node"], NODES) * sizes["axis"] * len(result.members)
+    return build_scene(result, max(2, min(FRAMES, NUMBERS // coordinates)), NODES)
 
 
 def scene_of(scene: Scene) -> tuple[dict[str, Any], str, list[str]]:

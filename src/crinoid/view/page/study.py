@@ -15,6 +15,7 @@ from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.metrics import MEASURES, Measure, measures_of
 from crinoid.results.own_files import is_own
+from crinoid.results.reading import checked_result, with_shapes
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import attributes
 from crinoid.results.scene.data import even_indices, in_space, is_spatial
@@ -23,7 +24,6 @@ from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
 from crinoid.studies.sweep.plan import SweepDesign, read_plan
 from crinoid.studies.sweep.sampling import Index, indices_of
-from crinoid.view.figures.run import open_result
 from crinoid.view.figures.study import (
     MOST_KEYS,
     Case,
@@ -53,7 +53,7 @@ def final_shapes(cases: Sequence[Case]) -> tuple[str, list[str]]:
     spatial = False
     for index, path in some:
         try:
-            data = open_result(path, lazily=True).isel(time=[-1])
+            data = with_shapes(checked_result(path, lazily=True), str(path)).dataset.isel(time=[-1])
         except ReportError:
             left_out.append(f"The arm of {cases[index].name} cannot be drawn.")
             continue

@@ -12,15 +12,7 @@ from crinoid.results.result import Result
 from crinoid.results.scene.scene import Scene, build_scene
 from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario import ScenarioError
-from crinoid.view.figures.charts.chart import Chart
-from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
-from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
-from crinoid.view.figures.charts.spectra import has_loads, load_chart, spectrum_chart
-from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
-from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
-from crinoid.view.figures.run import Run
+from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.page import parts
 from crinoid.view.page.plots import plots_of
 from crinoid.view.page.scene import page_scene, scene_of, still_of
@@ -30,12 +22,12 @@ _NODES = 61
 _FRAMES = (301, 151, 76, 31)  # most instants, in the order of trials until the page is small enough
 
 
-def small_page_of(run: Run) -> tuple[str, list[str]]:
+def small_page_of(run: Result) -> tuple[str, list[str]]:
     """Return the animation of a run as a page, and notes on omissions."""
-    version = run.result.attrs.get("crinoid_version", "")
+    version = run.dataset.attrs.get("crinoid_version", "")
     options = {"title": run.title, "version": version, "kind": "small"}
     for frames in _FRAMES:
-        texts, left_out = _animation(run, build_scene(run.members, frames, _NODES), [])
+        texts, left_out = _animation(run, build_scene(run, frames, _NODES), [])
         body = Template(parts.read_part("scene.html")).substitute(texts)
         page = parts.html_page(body, [parts.run_script()], **options)
         if len(page) <= LARGEST:
@@ -43,7 +35,7 @@ def small_page_of(run: Run) -> tuple[str, list[str]]:
     raise ReportError("there are too many obstacles for a small animation")
 
 
-def _animation(run: Run, scene: Scene, charts: list[Any]) -> tuple[dict[str, str], list[str]]:
+def _animation(run: Result, scene: Scene, charts: list[Any]) -> tuple[dict[str, str], list[str]]:
     """Return the texts of an animation in a template, and notes on omissions."""
     shapes, numbers, left_out = scene_of(scene)
     times, span = shapes["members"][0]["time"], _span(run)
@@ -52,50 +44,48 @@ def _animation(run: Run, scene: Scene, charts: list[Any]) -> tuple[dict[str, str
     return {"stage": stage, "table": parts.json_of(table), "numbers": numbers}, left_out
 
 
-def _span(run: Run) -> list[float]:
+def _span(run: Result) -> list[float]:
     """First and last time (s)."""
-    return [float(run.result["time"].values[end]) for end in (0, -1)]
+    return [float(run.dataset["time"].values[end]) for end in (0, -1)]
 
 
 _LONGEST = 200_000  # most characters of a scenario on the page
 
 
-def write_run(run: Run, path: Path) -> Path:
+def write_run(run: Result, path: Path) -> Path:
     """Write the page of a run."""
     return parts.save_page(page_of(run), path)
 
 
-def page_of(run: Run) -> str:
+def page_of(run: Result) -> str:
     """Return the page of a run as HTML.
 
     Texts of the user are escaped, and scripts are allowed by their digests only.
     """
-    still = run.result.sizes["time"] == 1
-    plots = plots_of([] if still else _charts(run), *_span(run))
-    texts, left_out = _animation(run, page_scene(run.members), plots.charts)
-    attributes = run.result.attrs
+    still = run.dataset.sizes["time"] == 1
+    plots = plots_of([] if still else [chart for _, chart in charts_of(run)], *_span(run))
+    texts, left_out = _animation(run, page_scene(run), plots.charts)
+    attributes = run.dataset.attrs
     scenario = str(attributes.get("scenario", ""))
     if len(scenario) > _LONGEST:
         left_out.append(f"The scenario is cut off after {_LONGEST} characters.")
-    failed = Status.of(run.status) is not Status.OK
-    other = None if run.uncontrolled is None else Result(run.uncontrolled)
-    result = Result(run.result, uncontrolled=other)
+    failed = run.ended is not Status.OK
     try:
-        found = equilibrium_summary(result) if still else summary(result)
+        found = equilibrium_summary(run) if still else summary(run)
         numbers = f'<div class="scroll numbers">{parts.table_of(found)}</div>'
     except (LookupError, ValueError, ScenarioError):
         numbers = "<p>The result lacks variables of the summary.</p>"
-    kind = "arm in space" if run.result.sizes["axis"] == 3 else "planar arm"
+    kind = "arm in space" if run.dataset.sizes["axis"] == 3 else "planar arm"
     begin, end = _span(run)
     lasts = "one instant" if still else f"{end - begin:g} s"
-    words = [kind, f"{run.result.sizes['node']} nodes", lasts]
+    words = [kind, f"{run.dataset.sizes['node']} nodes", lasts]
     words += [] if run.uncontrolled is None else ["with and without control"]
     body = Template(parts.read_part("run.html")).substitute(
         title=escape(run.title),
         subtitle=escape(" · ".join(words)),
         status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
         metrics=f"<h2>Numbers</h2>{numbers}",
-        notes=parts.list_of("Notes", result.notes),
+        notes=parts.list_of("Notes", run.notes),
         scenario=escape(scenario[:_LONGEST]),
         facts=_facts(run),
         left_out=parts.list_of("What was left out", [*run.left_out, *left_out, *plots.left_out]),
@@ -109,18 +99,8 @@ def page_of(run: Run) -> str:
     )
 
 
-def _charts(run: Run) -> list[Chart]:
-    found = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
-    found += [estimate_chart(run)] if has_estimate(run) else []
-    found += [load_chart(run)] if has_loads(run) else []
-    found += [vehicle_chart(run)] if has_vehicle_motion(run) else []
-    found += [contact_chart(run)] if has_contact(run) else []
-    found += [vortex_chart(run)] if has_vortices(run) else []
-    return [*found, energy_chart(run), effort_chart(run)]
-
-
-def _facts(run: Run) -> str:
-    attributes, words = run.result.attrs, re.sub(r"[^a-z0-9]+", "-", run.title.lower())
+def _facts(run: Result) -> str:
+    attributes, words = run.dataset.attrs, re.sub(r"[^a-z0-9]+", "-", run.title.lower())
     name = words.strip("-")[:40].strip("-") or "scenario"
     spent = attributes.get("wall_time")
     facts: dict[str, Any] = {
@@ -128,10 +108,10 @@ def _facts(run: Run) -> str:
         "seed": attributes.get("seed", "unknown"),
         "status": run.status,
         "computing time": f"{spent:.3g} s" if isinstance(spent, float) else "unknown",
-        "saved instants": run.result.sizes["time"],
+        "saved instants": run.dataset.sizes["time"],
     }
     rows = "".join(f"<tr><td>{k}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
-    rests = run.result.sizes["time"] == 1 and Status.of(run.status) is Status.OK
+    rests = run.dataset.sizes["time"] == 1 and run.ended is Status.OK
     verb = "equilibrium" if rests else "run"
     command = f"crinoid {verb} {name}.toml --out results/{name}"
     return (

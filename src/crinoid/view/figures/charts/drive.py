@@ -9,11 +9,10 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import ANGLES, CHANNEL_TABLE
-from crinoid.results.scene.data import is_spatial
-from crinoid.results.scene.mount import base_word
+from crinoid.results.result import Result
+from crinoid.results.scene.data import base_word, is_spatial
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, ZERO, Chart, Level, Panel, Trace
-from crinoid.view.figures.run import Run
 
 _STORED = ("kinetic", "elastic", "potential")
 _BALANCE = Panel("energy_balance", "balance defect")
@@ -22,13 +21,13 @@ _ITERATIONS = Panel("newton_iterations", "Newton iterations\na step", low=0.0)
 Kinds = dict[str, Float[np.ndarray, " time"]]
 
 
-def energy_chart(run: Run) -> Chart:
+def energy_chart(run: Result) -> Chart:
     """Return the changes of the stored energies, the works, and the error of their balance.
 
     The defect is (stored energy - its initial value - sum of works), relative to the largest
     magnitude that any change or work reaches.
     """
-    data, kinds = run.result, {}
+    data, kinds = run.dataset, {}
     time = data["time"].values
     if "energy" in data and "kind" in data.coords:
         energy = data["energy"].transpose("time", "kind").values
@@ -73,10 +72,11 @@ def _balance(time: Float[np.ndarray, " time"], changes: Kinds, done: Kinds) -> P
     return replace(panel, label=f"{panel.label}\n", unit=unit)
 
 
-def effort_chart(run: Run) -> Chart:
+def effort_chart(run: Result) -> Chart:
     """Return Newton iterations a step, with and without control."""
     traces = []
-    for (label, data), role in zip(run.members, MEMBER_ROLES, strict=False):
+    for (label, member), role in zip(run.members, MEMBER_ROLES, strict=False):
+        data = member.dataset
         if {"newton_iterations", "steps"} <= set(data):
             steps = np.asarray(data["steps"].values, float)
             spent = np.asarray(data["newton_iterations"].values, float)
@@ -101,23 +101,23 @@ _COMMANDS: tuple[tuple[str, Literal["dashed"]], ...] = (("commands", "dashed"),)
 _NEAR = 0.1  # distance up to which the end of a travel is drawn, of the height of the panel
 
 
-def drive_chart(run: Run) -> Chart:
+def drive_chart(run: Result) -> Chart:
     """Return the chart of channels of the base, actuators, and the load on the base.
 
     In space there are too many for a panel each: shifts share one, and so do turns.
     """
-    channels = moving_channels(run.result)
+    channels = moving_channels(run.dataset)
     groups, tall = [[channel] for channel in channels], 1.55
-    if is_spatial(run.result):
+    if is_spatial(run.dataset):
         shifts = [channel for channel in channels if channel not in ANGLES]
         turns = [channel for channel in channels if channel in ANGLES]
         groups, tall = [group for group in (shifts, turns) if group], 1.9
-    units = _actuator_units(run.result)
+    units = _actuator_units(run.dataset)
     panels = [
-        *(_group(run.result, group, tall) for group in groups),
-        *(_actuators(run.result, unit, tall) for unit in units),
-        _load(run.result, "base_force", "force", "N", tall),
-        _load(run.result, "base_moment", "moment", "N m", tall),
+        *(_group(run.dataset, group, tall) for group in groups),
+        *(_actuators(run.dataset, unit, tall) for unit in units),
+        _load(run, "base_force", "force", "N", tall),
+        _load(run, "base_moment", "moment", "N m", tall),
     ]
     still = "" if groups or units else "the base is held still: no channel moves"
     return Chart("commands", "Base and actuators", tuple(panels), still)
@@ -214,8 +214,8 @@ def _limits(data: xr.Dataset, channels: list[str], drawn: list[np.ndarray]) -> l
     return levels
 
 
-def _load(data: xr.Dataset, name: str, word: str, unit: str, tall: float) -> Panel:
-    label = f"{word} on\n{base_word(data)}"
+def _load(run: Result, name: str, word: str, unit: str, tall: float) -> Panel:
+    data, label = run.dataset, f"{word} on\n{base_word(run.known_scenario)}"
     if name not in data:
         return Panel(name, label, si_unit(0.0, unit), tall=tall, nothing=f"no {word} recorded")
     load = data[name]

@@ -5,24 +5,24 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.results.errors import short_way
+from crinoid.results.result import Result
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import Chart, Panel, Trace, rms
-from crinoid.view.figures.run import Run
 
 _WIDE = 2.0  # standard deviations from the estimate to the edge of the band
 
 Series = Float[np.ndarray, " time"]
 
 
-def has_estimate(run: Run) -> bool:
-    """Whether an observer estimated the tip."""
-    found = run.result.get("estimated_tip_position")
-    return found is not None and bool(np.isfinite(found.values).any())
+def estimate_chart(run: Result) -> Chart | None:
+    """Return tip and current, true and estimated, with the band of two standard deviations.
 
-
-def estimate_chart(run: Run) -> Chart:
-    """Return tip and current, true and estimated, with the band of two standard deviations."""
-    data, panels = run.result, []
+    None where no observer estimated the tip.
+    """
+    data, panels = run.dataset, []
+    found = data.get("estimated_tip_position")
+    if found is None or not np.isfinite(found.values).any():
+        return None
     for axis in map(str, data["axis"].values):
         true, target = (data[name].sel(axis=axis).values for name in ("tip_position", "tip_target"))
         part = _part(data, "estimated_tip_position", axis)

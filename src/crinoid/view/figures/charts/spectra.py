@@ -8,11 +8,12 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.numerics.signals_and_systems import spectrum
-from crinoid.results.scene.data import in_space
-from crinoid.results.scene.mount import Path, base_word
+from crinoid.results.errors import counted, error_word
+from crinoid.results.result import Result
+from crinoid.results.scene.data import base_word, in_space
+from crinoid.results.scene.mount import Path
 from crinoid.results.units import Unit, largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Panel, Series, Trace
-from crinoid.view.figures.run import Run
 
 _LEAST_RECORDS = 16
 _DECADES = 6  # of a spectral density, from its top
@@ -44,26 +45,24 @@ def fluctuation_spectrum(
     return found.frequency, np.asarray(found.density.sum(axis=(1, 2)))
 
 
-def spectrum_chart(run: Run) -> Chart:
+def spectrum_chart(run: Result) -> Chart:
     """Return the chart of the spectral density of the tip's error."""
-    title = f"{run.error_word.removeprefix('tip ').capitalize()} over frequency (Hz)"
+    title = (
+        f"{error_word(run.known_scenario).removeprefix('tip ').capitalize()} over frequency (Hz)"
+    )
     return Chart("spectrum", title, (spectrum_panel(run),))
 
 
-def spectrum_panel(run: Run) -> Panel:
+def spectrum_panel(run: Result) -> Panel:
     """Return the spectral density of the tip's error, with and without control."""
-    panel = Panel("tip_spectrum", f"density of\n{run.error_word}", tall=2.6)
-    return _panel(run, panel, miss, length_unit, run.error_word, "the tip does not move")
+    word = error_word(run.known_scenario)
+    panel = Panel("tip_spectrum", f"density of\n{word}", tall=2.6)
+    return _panel(run, panel, miss, length_unit, word, "the tip does not move")
 
 
-def has_loads(run: Run) -> bool:
-    """Whether the loads on the base have spectra."""
-    return any(not panel.nothing for panel in load_chart(run).panels)
-
-
-def load_chart(run: Run) -> Chart:
+def load_chart(run: Result) -> Chart:
     """Return the spectral densities of force and moment on the base."""
-    base, panels = base_word(run.result), []
+    base, panels = base_word(run.known_scenario), []
     for name, word, unit in (("base_force", "force", "N"), ("base_moment", "moment", "N m")):
 
         def load(data: xr.Dataset, name: str = name) -> Float[np.ndarray, "time axis"]:
@@ -82,7 +81,7 @@ def load_chart(run: Run) -> Chart:
 
 
 def _panel(
-    run: Run,
+    run: Result,
     panel: Panel,
     values: Callable[[xr.Dataset], Float[np.ndarray, "time axis"]],
     unit_of: Callable[[float], Unit],
@@ -90,8 +89,8 @@ def _panel(
     still: str,
 ) -> Panel:
     """Return a panel with the densities of a quantity, with and without control."""
-    counted = [data.isel(time=run.counted(data)) for _, data in run.members]
-    found = [fluctuation_spectrum(data["time"].values, values(data)) for data in counted]
+    judged = [each.dataset.isel(time=counted(each)) for _, each in run.members]
+    found = [fluctuation_spectrum(data["time"].values, values(data)) for data in judged]
     known = [each for each in found if each is not None]
     top = largest(*(density for _, density in known))
     if not known or top == 0.0:

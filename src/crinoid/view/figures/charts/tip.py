@@ -8,11 +8,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import AXES
-from crinoid.results.errors import angle_between, short_way
+from crinoid.results.errors import angle_between, counted, error_word, short_way
+from crinoid.results.result import Result
 from crinoid.results.scene.scene import CALM
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.view.figures.charts import chart
-from crinoid.view.figures.run import Run
 
 _ROOM = 1.08  # of an axis, above the largest value
 _ERROR = chart.Panel("tip_error", "tip error", low=0.0, tall=2.25, columns=1)
@@ -24,43 +24,45 @@ _OFF = chart.Panel("tip_off_direction", "tip off\ndirection", DEGREES, low=0.0, 
 _WATER = chart.Panel("tip_water", "water speed\nat tip", Unit(1.0, "m/s"), tall=1.45)
 
 
-def tip_chart(run: Run) -> chart.Chart:
+def tip_chart(run: Result) -> chart.Chart:
     """Return errors of the tip's position and direction, and the water's speed at the tip.
 
     In space also the tip's direction.
     """
-    spatial = "tip_direction" in run.result
+    spatial = "tip_direction" in run.dataset
     panels = [_error(run), _components(run)]
     panels += [_direction(run)] if spatial else []
-    return chart.Chart("tip_error", "Tip", (*panels, _off_direction(run), _speed(run.result)))
+    return chart.Chart("tip_error", "Tip", (*panels, _off_direction(run), _speed(run.dataset)))
 
 
-def _error(run: Run) -> chart.Panel:
-    unit = length_unit(largest(*(data["tip_error"].values for _, data in run.members)))
-    tolerance = run.scenario.target.tolerance
+def _error(run: Result) -> chart.Panel:
+    unit = length_unit(largest(*(each.dataset["tip_error"].values for _, each in run.members)))
+    scenario = run.known_scenario
+    tolerance = scenario.target.tolerance
     traces = []
     levels = [] if tolerance is None else [chart.Level(tolerance, "ink")]
     # the run without control is drawn behind, as the reference
-    for (label, data), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
-        values = data["tip_error"].values
-        counted = values[run.counted(data)]
-        mean = chart.rms(counted)
-        summary = f"RMS {unit.text(mean)} (dashed), maximum {unit.text(largest(counted))}"
+    for (label, each), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
+        data, values = each.dataset, each.dataset["tip_error"].values
+        judged = values[counted(each)]
+        mean = chart.rms(judged)
+        summary = f"RMS {unit.text(mean)} (dashed), maximum {unit.text(largest(judged))}"
         if tolerance is not None:
-            near, share = length_unit(tolerance).text(tolerance), np.mean(counted <= tolerance)
+            near, share = length_unit(tolerance).text(tolerance), np.mean(judged <= tolerance)
             summary += f", {100 * share:.3g} % within {near}"
         behind = role == "free"
         traces.append(chart.Trace(label, _time(data), values, role, behind=behind, summary=summary))
         levels.append(chart.Level(mean, role, "dashed"))
-    high = None if largest(run.result["tip_error"].values) > 0 else 1.0 / unit.factor
-    panel = replace(_ERROR, label=run.error_word, unit=unit, high=high, aside=run.aside)
-    return replace(panel, traces=tuple(traces), levels=tuple(levels))
+    high = None if largest(run.dataset["tip_error"].values) > 0 else 1.0 / unit.factor
+    panel = replace(_ERROR, label=error_word(scenario), unit=unit, high=high)
+    aside = scenario.judged_from or None
+    return replace(panel, traces=tuple(traces), levels=tuple(levels), aside=aside)
 
 
-def _components(run: Run) -> chart.Panel:
+def _components(run: Result) -> chart.Panel:
     misses = [
         (label, data, data["tip_position"].values - data["tip_target"].values)
-        for label, data in run.members
+        for label, data in ((label, each.dataset) for label, each in run.members)
     ]
     unit = length_unit(largest(*(miss for _, _, miss in misses)))
     traces = []
@@ -70,12 +72,12 @@ def _components(run: Run) -> chart.Panel:
             name = f"{axis}, {label}" if label else axis
             traces.append(chart.Trace(name, _time(data), miss[:, part], axis, behind=behind))
     columns = 2 if len(misses) > 1 else len(AXES[3])
-    label = _MISS.label if run.scenario.aims else "tip \N{MINUS SIGN} start"
+    label = _MISS.label if run.known_scenario.aims else "tip \N{MINUS SIGN} start"
     return replace(_MISS, label=label, unit=unit, traces=tuple(traces), columns=columns)
 
 
-def _direction(run: Run) -> chart.Panel:
-    data, word = run.result, "target" if run.scenario.aims else "start"
+def _direction(run: Result) -> chart.Panel:
+    data, word = run.dataset, "target" if run.known_scenario.aims else "start"
     aimed, traces = "tip_direction_target" in data, []
     for axis in AXES[3]:
         part = data["tip_direction"].sel(axis=axis).values
@@ -88,21 +90,21 @@ def _direction(run: Run) -> chart.Panel:
     return replace(_DIRECTION, traces=tuple(traces), also=also if aimed else ())
 
 
-def _off_direction(run: Run) -> chart.Panel:
+def _off_direction(run: Result) -> chart.Panel:
     traces = []
-    for (label, data), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
-        off = off_direction(data)
+    for (label, each), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
+        data, off = each.dataset, off_direction(each.dataset)
         if off is not None:
-            counted = off[run.counted(data)]
-            most = DEGREES.text(largest(counted))
-            summary = f"RMS {DEGREES.text(chart.rms(counted))}, maximum {most}"
+            judged = off[counted(each)]
+            most = DEGREES.text(largest(judged))
+            summary = f"RMS {DEGREES.text(chart.rms(judged))}, maximum {most}"
             behind = role == "free"
             traces.append(
                 chart.Trace(label, _time(data), off, role, behind=behind, summary=summary)
             )
     high = _ROOM * largest(*(trace.values for trace in traces)) or 1.0 / DEGREES.factor
     nothing = "" if traces else "no direction recorded"
-    label = _OFF.label if run.scenario.aims else "turn of\nthe tip"
+    label = _OFF.label if run.known_scenario.aims else "turn of\nthe tip"
     return replace(_OFF, label=label, traces=tuple(traces), high=high, nothing=nothing)
 
 

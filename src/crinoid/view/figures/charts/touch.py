@@ -5,14 +5,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.results.loads import FAR_CONTACTS, far_contact
+from crinoid.results.result import Result
 from crinoid.results.scene.data import find_obstacles
 from crinoid.results.units import largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Trace
-from crinoid.view.figures.run import Run
 
 _VARIABLES = (
     *("obstacle_position", "contact_force", "contact_impulse"),
@@ -49,24 +48,26 @@ class _Body(NamedTuple):
     closest: float
 
 
-def has_contact(run: Run) -> bool:
-    """Whether the result contains contacts."""
-    far = ({f"{part}_force", f"{part}_gap"} <= set(run.result) for part in FAR_CONTACTS)
-    return all(name in run.result for name in _VARIABLES) or any(far)
+def contact_chart(run: Result) -> Chart | None:
+    """Return times of contact, forces and distances of obstacles, the arm itself and a hull.
 
-
-def contact_chart(run: Run) -> Chart:
-    """Return times of contact, forces and distances of obstacles, the arm itself and a hull."""
-    bodies = [body for label, data in run.members for body in _bodies(label, data)]
+    None where the result has no contacts.
+    """
+    data = set(run.dataset)
+    far = ({f"{part}_force", f"{part}_gap"} <= data for part in FAR_CONTACTS)
+    if not (set(_VARIABLES) <= data or any(far)):
+        return None
+    bodies = [body for label, each in run.members for body in _bodies(label, each)]
     bodies.sort(key=lambda body: body.order)
     return Chart("contact", "Contact", (_when(bodies), _force(bodies), _gap(bodies)))
 
 
-def _bodies(label: str, data: xr.Dataset) -> Iterator[_Body]:
+def _bodies(label: str, result: Result) -> Iterator[_Body]:
+    data = result.dataset
     behind, count, time = label == "without control", 0, data["time"].values
     if "contact_force" in data:
         count, steps = data.sizes["obstacle"], np.diff(time)
-        names = [each.label for each in find_obstacles(data)]
+        names = [each.label for each in find_obstacles(result)]
         for index in range(count):
             found = data.isel(obstacle=index)
             total, pushed = found["contact_time"].values, found["contact_impulse"].values

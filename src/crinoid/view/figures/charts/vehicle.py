@@ -1,23 +1,23 @@
 """Chart of a floating submarine: its motion, and the forces and moments of its thrusters."""
 
 from crinoid.foundation.axes import ANGLES
+from crinoid.results.result import Result
 from crinoid.results.units import DEGREES, largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import ZERO, Chart, Level, Panel, Trace
 from crinoid.view.figures.charts.drive import ABOUT
-from crinoid.view.figures.run import Run
 
 _NEAR = 0.5  # share of a limit from which it is drawn
 
 
-def has_vehicle_motion(run: Run) -> bool:
-    """Whether a floating submarine carries the arm."""
-    return "vehicle_pose" in run.result
+def vehicle_chart(run: Result) -> Chart | None:
+    """Return shifts and turns of a submarine, and the forces and moments of its thrusters.
 
-
-def vehicle_chart(run: Run) -> Chart:
-    """Return shifts and turns of a submarine, and the forces and moments of its thrusters."""
-    vehicle = run.scenario.vehicle
-    channels = [str(channel) for channel in run.result["channel"].values]
+    None where no submarine floats.
+    """
+    if "vehicle_pose" not in run.dataset:
+        return None
+    vehicle = run.known_scenario.vehicle
+    channels = [str(channel) for channel in run.dataset["channel"].values]
     shifts = [channel for channel in channels if channel not in ANGLES]
     panels = [_motion(run, shifts), _motion(run, [c for c in channels if c in ANGLES])]
     if vehicle is not None and vehicle.hold == "thrusters":
@@ -26,8 +26,8 @@ def vehicle_chart(run: Run) -> Chart:
     return Chart("vehicle", "Submarine", tuple(panels))
 
 
-def _motion(run: Run, channels: list[str]) -> Panel:
-    data, turns = run.result, channels[0] in ANGLES
+def _motion(run: Result, channels: list[str]) -> Panel:
+    data, turns = run.dataset, channels[0] in ANGLES
     parts = {name: data["vehicle_pose"].sel(channel=name).values for name in channels}
     unit = DEGREES if turns else length_unit(largest(*parts.values()))
     traces = tuple(
@@ -37,8 +37,8 @@ def _motion(run: Run, channels: list[str]) -> Panel:
     return Panel(name, f"{word} of the\nsubmarine", unit, traces, ZERO)
 
 
-def _thrust(run: Run, name: str, unit: str, limit: float | None) -> Panel:
-    data = run.result
+def _thrust(run: Result, name: str, unit: str, limit: float | None) -> Panel:
+    data = run.dataset
     values = data[name].values.reshape(data.sizes["time"], -1)
     axes = data["axis"].values if values.shape[1] > 1 else [""]
     way = "along" if name == "thruster_force" else "about"

@@ -6,22 +6,23 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.results.result import Result
 from crinoid.results.units import Unit, largest, si_unit
 from crinoid.view.figures.charts.chart import Chart, Level, Panel, Trace, rms
-from crinoid.view.figures.run import Run
 
 _HERTZ = Unit(1.0, "Hz")
 _SMOOTHED = 1.0
 """Time over which a frequency is averaged (s)."""
 
 
-def has_vortices(run: Run) -> bool:
-    """Whether the water of the run sheds vortices."""
-    return all({"vortex_force", "vortex_phase"} <= set(data) for _, data in run.members)
+def vortex_chart(run: Result) -> Chart | None:
+    """Return the frequency of shedding along the arm, and the force near the tip.
 
-
-def vortex_chart(run: Run) -> Chart:
-    """Return the frequency of shedding along the arm, and the force near the tip."""
+    None where the water sheds no vortices.
+    """
+    needed = {"vortex_force", "vortex_phase"}
+    if not all(needed <= set(each.dataset) for _, each in run.members):
+        return None
     return Chart("vortices", "Shed vortices", (_frequency(run), _force(run)))
 
 
@@ -37,8 +38,8 @@ def shedding_frequency(data: xr.Dataset, edge: int) -> Float[np.ndarray, " time"
     return np.asarray(turned / (ends[1] - ends[0]) / (2 * np.pi))
 
 
-def _frequency(run: Run) -> Panel:
-    data = run.result
+def _frequency(run: Result) -> Panel:
+    data = run.dataset
     time, edges = data["time"].values, data.sizes["edge"]
     traces = tuple(
         Trace(name, time, shedding_frequency(data, edge), f"part {edge / max(1, edges - 1):g}")
@@ -58,8 +59,11 @@ def _frequency(run: Run) -> Panel:
     )
 
 
-def _force(run: Run) -> Panel:
-    parts = [(label, data, data["vortex_force"].values[:, -1]) for label, data in run.members]
+def _force(run: Result) -> Panel:
+    parts = [
+        (label, each.dataset, each.dataset["vortex_force"].values[:, -1])
+        for label, each in run.members
+    ]
     _, first, force = parts[0]
     axis = int(np.argmax(force.std(axis=0)))
     unit = si_unit(largest(*(values[:, axis] for *_, values in parts)), "N/m")

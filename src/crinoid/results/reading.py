@@ -1,0 +1,135 @@
+"""Reading of files to draw: of results, and of findings of other commands."""
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from crinoid.foundation.axes import AXES
+from crinoid.results.chunks import pieces
+from crinoid.results.report_error import ReportError
+from crinoid.results.result import UNCONTROLLED, Result
+from crinoid.results.scene.data import LARGEST, check_obstacles, shaped
+from crinoid.results.stream import open_lazily
+
+# required of a result; without any other variable a figure omits its panel
+_REQUIRED = {
+    "position": ("time", "node", "axis"),
+    "tip_position": ("time", "axis"),
+    "tip_target": ("time", "axis"),
+    "tip_error": ("time",),
+}
+
+
+def open_drawable(path: Path, *, lazily: bool = False) -> Result:
+    """Read the file of a result, and the one without control next to it, to draw them.
+
+    Instants without a shape to draw are left out. With ``lazily`` large variables stay in the file
+    until they are used.
+    """
+    result, names = checked_result(path, lazily=lazily), [str(path)]
+    other = path.with_name(UNCONTROLLED)
+    if path.name == UNCONTROLLED:
+        title = result.dataset.attrs.get("title", "") or "A run"
+        result.dataset.attrs["title"] = f"{title}, without control"
+    elif other.is_file():
+        result.uncontrolled = checked_result(other, lazily=lazily)
+        names.append(str(other))
+    return with_shapes(result, *names)
+
+
+def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
+    """Read a netCDF file, times as seconds; with ``lazily`` large variables stay on disk."""
+    try:
+        if lazily:
+            return open_lazily(path)
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            return stored.load()
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
+
+
+def load_as(path: Path, kind: str, required: Mapping[str, tuple[str, ...]]) -> xr.Dataset:
+    """Read a file of a kind into memory, with some variables over some dimensions; ``*``: any."""
+    dataset = load(path)
+    for name, dims in required.items():
+        known = " ".join(map(str, dataset[name].dims)) if name in dataset else ""
+        if name not in dataset or not fnmatchcase(known, " ".join(dims)):
+            over = f" over {', '.join(dims)}" if dims else ""
+            text = f"not a file of crinoid with {kind}, it has no {name}{over}"
+            raise ReportError(f"{path}: {text}")
+    return dataset
+
+
+def read_result(
+    path: Path, required: Mapping[str, tuple[str, ...]] = _REQUIRED, *, lazily: bool = False
+) -> xr.Dataset:
+    """Read one result file, with some variables over some dimensions."""
+    if not path.is_file():
+        raise ReportError(f"{path}: no such file")
+    if path.stat().st_size == 0:
+        raise ReportError(f"{path}: the file is empty")
+    dataset = load(path, lazily=lazily)
+    if fault := _fault(dataset, required):
+        raise ReportError(f"{path}: {fault}")
+    return dataset
+
+
+def _fault(data: xr.Dataset, required: Mapping[str, tuple[str, ...]]) -> str:
+    """Reason for which a dataset is not a result that can be drawn; empty if it is."""
+    foreign = "not a crinoid result,"
+    for name, dims in required.items():
+        if name not in data and "crinoid_version" in data.attrs and name == "position":
+            return "output.variables left out position, which all figures need"
+        if name not in data:
+            return f"{foreign} it has no variable {name!r}"
+        if data[name].dims != dims:
+            return f"{foreign} {name!r} has dimensions {data[name].dims}, not {dims}"
+    for name in ("time", "axis"):
+        if name not in data.coords:
+            return f"{foreign} it has no coordinate {name!r}"
+    if tuple(map(str, data["axis"].values)) not in AXES.values():
+        return f"{foreign} its axes are not labelled x and z, or x, y, z"
+    if data.sizes["time"] == 0:
+        return "the result has no records"
+    time = data["time"].values.astype(float)
+    if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
+        return f"{foreign} its times do not rise"
+    return f"{foreign} the arm has fewer than two nodes" if data.sizes.get("node", 0) < 2 else ""
+
+
+def checked_result(path: Path, *, lazily: bool = False) -> Result:
+    """Read the file of a result whose obstacles can be drawn."""
+    result = Result(read_result(path, lazily=lazily))
+    check_obstacles(result, path)
+    return result
+
+
+def with_shapes(result: Result, *names: str) -> Result:
+    """Return a result, and that without control, at the instants with a shape to draw.
+
+    The names are those of their files.
+    """
+    members = [each for _, each in result.members]
+    shown = [_shaped(each.dataset, name) for each, name in zip(members, names, strict=True)]
+    found, *other = (Result(data) for data in shown)
+    found.uncontrolled = other[0] if other else None
+    saved = sum(each.dataset.sizes["time"] for each in members)
+    found.shapeless = saved - sum(data.sizes["time"] for data in shown)
+    return found
+
+
+def _shaped(dataset: xr.Dataset, name: str) -> xr.Dataset:
+    if "position" not in dataset:
+        return dataset
+    # a run that diverged may end in records that no axis can show
+    finite = np.concatenate(
+        [shaped(piece["position"].values) for piece in pieces(dataset, ["position"])]
+    )
+    if not finite.any():
+        shape = f"finite, within {LARGEST:g} m, and no edge of length 0"
+        raise ReportError(f"{name}: the result has no record with a shape to draw: {shape}")
+    return dataset if finite.all() else dataset.isel(time=np.flatnonzero(finite))
