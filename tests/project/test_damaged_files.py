@@ -25,8 +25,9 @@ from crinoid.results.metrics import measured
 from crinoid.results.result import RESULT, Result, ResultError
 from crinoid.results.stream import Stream
 from crinoid.scenario import Scenario, ScenarioError, builtin_files, builtin_names, builtin_text
+from crinoid.simulation.batch import Arm
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
-from crinoid.studies.sweep.store import RunOutcome, SweepStore
+from crinoid.studies.sweep.store import SweepStore
 from helpers.damage import other_bytes, other_dataset, other_document
 from helpers.made_results import made_result
 from helpers.measured import measured as playing
@@ -150,7 +151,7 @@ def batch(folder):
     plan = SweepDesign.of(crinoid.load(*SMALL), ["arm.length=0.3:0.6:3"], seeds=2, batch=6)
     store, found = SweepStore(folder), measured(small_result())
     store.start(plan)
-    store.save(plan, 0, plan.batches[0], 6 * [RunOutcome("ok", found)])
+    store.save(plan, 0, plan.batches[0], 6 * [Arm(found, "ok", [])])
     (path,) = (folder / "batches").iterdir()
 
     def read(path):

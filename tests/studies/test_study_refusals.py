@@ -9,7 +9,7 @@ import xarray as xr
 
 from crinoid.cli.sweep import shares_of_time
 from crinoid.scenario import Scenario
-from crinoid.studies.batch import Variation
+from crinoid.studies.batch import batch_of
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import ReportError, write_report
 from helpers.command import assert_refused, refused
@@ -36,7 +36,7 @@ def plan(**changes):
 
 
 def batch(over=None, seeds=None):
-    return partial(Variation.of, ARM, over, seeds, records=True)
+    return partial(batch_of, ARM, over, seeds, records=True)
 
 
 MISTAKES = [
@@ -111,6 +111,7 @@ def test_weights_that_do_not_fit_are_one_line(tmp_path, vary, text, line):
 COMMANDS = {
     "sweep --vary arm.length=0.5:-0.5:2": "arm.length: got -0.5; must be a number above 0",
     "sweep --vary arm.nodes=5:8:3": "arm.nodes: got 5.0; must be a whole number",
+    "sweep --vary arm.lengt=0.3,0.4": "arm.lengt: unknown key; did you mean arm.length?",
     "sweep --workers 0": "--workers: got 0",
     "sweep --workers 2 --scheduler tcp://far:1": "--workers: excludes --scheduler",
     "sweep --dry-run --resume": "--dry-run: excludes --resume",

@@ -20,6 +20,7 @@ import crinoid
 from crinoid.results.metrics import measured, read_rows
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
+from crinoid.simulation.batch import Arm
 from crinoid.studies.sweep import engine
 from crinoid.studies.sweep.engine import (
     OtherVersionError,
@@ -29,7 +30,7 @@ from crinoid.studies.sweep.engine import (
     run_batches,
 )
 from crinoid.studies.sweep.plan import SweepDesign, read_plan
-from crinoid.studies.sweep.store import RunOutcome, SweepStore
+from crinoid.studies.sweep.store import SweepStore
 from crinoid.studies.sweep.workers import Cluster, Processes
 from helpers.command import call, one_line, refused, succeeded
 from helpers.signals import usual_signals
@@ -410,4 +411,4 @@ def test_a_worker_refuses_work_of_another_version():
     with pytest.raises(OtherVersionError, match=r"the sweep is 0\.0\.1"):
         perform(Work(scenario, [{}], version="0.0.1"))
     (row,) = perform(Work(scenario, [{"arm.length": -1.0}]))
-    assert row == RunOutcome("refused: arm.length: got -1.0; must be a number above 0 (m)")
+    assert row == Arm(None, "refused: arm.length: got -1.0; must be a number above 0 (m)", [])

@@ -35,7 +35,7 @@ from crinoid.studies.comparison import (
     compared_measures,
     comparison_rows,
 )
-from crinoid.studies.statistics import Difference, Mean
+from crinoid.studies.statistics import differences, row_means
 from crinoid.view.figures.controllers import speed_unit
 
 
@@ -59,8 +59,8 @@ def compare_controllers(
         if len(seeds) > 1 and np.isfinite(rms).all() and not np.ptp(rms, axis=1).any():
             notes = ["nothing in this scenario is random: all seeds give the same run"]
         of_runs = {
-            name: [note for note in notes if note not in found.doubts]
-            for name, notes in comparison.notes.items()
+            name: [note for note in arm.notes if note not in found.doubts]
+            for name, arm in comparison.runs.items()
         }
         rows = comparison_rows(data)
         paths = found.save(data, {COMPARISON_TABLE: lambda path: write_rows(path, rows)})
@@ -69,8 +69,8 @@ def compare_controllers(
         say_notes([*notes, *notes_of_cases(of_runs)])
         say_written(paths)
     failures = [
-        f"{kind} with seed {seed}: {arm.status}"
-        for (kind, seed), arm in comparison.runs.items()
+        f"{name}: {arm.status}"
+        for name, arm in comparison.runs.items()
         if Status.of(arm.status) not in (Status.OK, Status.INTERRUPTED)
     ]
     text, status = listed(failures, COMPARISON), str(data.attrs["status"])
@@ -88,7 +88,7 @@ def comparison_table(data: xr.Dataset) -> Table:
 
     def add(name: str, values: xr.DataArray, unit: Unit) -> None:
         head = f"{name} ({unit.name})" if unit.name else name
-        rows.append((head, *(Mean.of(each).text(unit) for each in values.values)))
+        rows.append((head, *row_means(values.values).texts(unit)))
 
     for name in main_measures(compared_measures(data)):
         add(label_of(name), data[name], unit_for(data[name]))
@@ -109,9 +109,9 @@ def comparison_table(data: xr.Dataset) -> Table:
     rows.append(("time per tick", *ticks))
     if len(kinds) > 1:
         best = best_controller(data)
-        than = [Difference.of(values, rms.values[best]) for values in rms.values]
-        texts = [each.mean.text(length) for each in than]
-        chances = ["-" if np.isnan(each.p_value) else f"{each.p_value:.1g}" for each in than]
+        than, p_values = differences(rms.values, rms.values[best])
+        texts = than.texts(length)
+        chances = ["-" if np.isnan(each) else f"{each:.1g}" for each in p_values.tolist()]
         texts[best] = chances[best] = "-"
         rows += [
             (f"RMS tip error less that of {kinds[best]} ({length.name})", *texts),

@@ -10,7 +10,6 @@ import xarray as xr
 from rich.table import Table
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.cli.cases import checked_case
 from crinoid.cli.display import say_doubts, show
 from crinoid.cli.folder import check_own, claimed
 from crinoid.foundation.atomic_file import atomic_write
@@ -22,7 +21,9 @@ from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Scenario, refusal
-from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.scenario.errors import mistakes_at
+from crinoid.scenario.variation import case_words
+from crinoid.studies.design import Design
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
 
@@ -123,13 +124,14 @@ def solvable() -> Iterator[None]:
         raise refusal("", str(error)) from error
 
 
-def checked_runs(
-    plan: SweepDesign, runs: Iterable[int], key: str
-) -> Iterator[tuple[str, Prepared]]:
+def checked_runs(plan: Design, runs: Iterable[int], key: str) -> Iterator[tuple[str, Prepared]]:
     """Check runs of a plan, and yield each with its name; a mistake at ``key`` names its case."""
     measures_of(plan.scenario)  # refuses those that are in no package
     for run in runs:
-        yield plan.name(run), checked_case(plan, run, key)
+        with mistakes_at(key, case_words(plan.values(run))):
+            prepared = Prepared(plan.case(run))
+            prepared.check()
+        yield plan.name(run), prepared
 
 
 def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:

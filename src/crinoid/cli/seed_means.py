@@ -1,12 +1,10 @@
 """Means over the seeds of a study: their tables, and their file."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
+import pandas as pd
 from rich import box
 from rich.table import Table
 
@@ -23,7 +21,7 @@ from crinoid.results.units import Unit, largest
 from crinoid.scenario import counted
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
-from crinoid.studies.statistics import MEANS, RUNS, SeedMean, mean_row, seed_means
+from crinoid.studies.statistics import MEAN_COLUMNS, MEANS, RUNS, Means, records
 from crinoid.view.figures import write_means
 from crinoid.view.figures.study import short_keys
 
@@ -33,109 +31,98 @@ _FEW, _FEW_EXTREMES = 3, 2
 
 
 class SeedTables:
-    """Means over the seeds of a study, for each combination of the other keys."""
+    """Tables of the means over the seeds of a study, as `seed_means` returns them."""
 
-    def __init__(
-        self,
-        varied: Sequence[Mapping[str, Any]],
-        numbers: Mapping[str, Float[np.ndarray, " run"]],
-        registry: Mapping[str, Measure],
-    ) -> None:
-        self.registry = registry
-        self.means = seed_means(varied, numbers)
+    def __init__(self, means: pd.DataFrame, registry: Mapping[str, Measure]) -> None:
+        self.means, self.registry = means, registry
+        self.keys: list[str] = [] if means.empty else list(means.columns[: -len(MEAN_COLUMNS)])
 
     def write(self, folder: Path) -> list[Path]:
         """Write all means to ``means.csv``, and a figure; remove earlier ones without any.
 
         The figure is drawn from ``cases.csv``.
         """
-        path = folder / MEANS
-        if not self.means:
+        if self.means.empty:
             clear_own(folder, [MEANS])
             return []
-        write_rows(path, (mean_row(each, self.registry[each.name]) for each in self.means))
-        return [path, *write_means(folder)]
+        write_rows(folder / MEANS, records(self.means))
+        return [folder / MEANS, *write_means(folder)]
 
     def tables(self) -> Iterator[Table]:
         """Yield tables for a terminal: of two keys a grid, else a row for each combination."""
-        if not self.means:
+        if self.means.empty:
             return
-        keys = list(self.means[0].values)
-        names = main_measures(dict.fromkeys(each.name for each in self.means))
+        names = main_measures(self.means["measure"].unique())
         shown = [*names[:_FEW], *(name for name in names[_FEW:] if name not in MEASURES)]
-        if len(keys) == 2 and self._is_grid(keys):
+        if len(self.keys) == 2 and self._is_grid():
             for name in [shown[0], *(name for name in shown[1:] if name not in MEASURES)]:
-                yield self._grid(name, keys)
+                yield self._grid(name)
         else:
-            yield self._list(shown, keys)
-        if any(each.extreme for each in self.means):
-            yield self._extremes(keys)
+            yield self._list(shown)
+        if self.means["extreme"].notna().any():
+            yield self._extremes()
 
     @property
     def notes(self) -> list[str]:
         """Notes on the intervals, where runs differ by their seeds."""
-        if not any(each.mean.half > 0 for each in self.means):
+        if self.means.empty or not (self.means["high"] > self.means["low"]).any():
             return []
-        finished: dict[str, int] = {}  # a measure may be unknown in runs that finished
-        for each in self.means:
-            group = str(each.values)
-            finished[group] = max(finished.get(group, 0), each.mean.seeds)
-        return seed_notes(min(finished.values()))
+        # a measure may be unknown in runs that finished
+        return seed_notes(int(self.means["runs"].groupby(level=0).max().min()))
 
-    def _of(self, name: str) -> tuple[list[SeedMean], Unit]:
-        found = [each for each in self.means if each.name == name]
-        size = largest(np.array([each.mean.value for each in found]))
-        return found, unit_of(self.registry[name].attributes, size)
+    def _of(self, name: str) -> tuple[pd.DataFrame, Unit]:
+        found = self.means[self.means["measure"] == name]
+        return found, unit_of(self.registry[name].attributes, largest(found["mean"].to_numpy()))
 
-    def _levels(self, key: str) -> list[str]:
-        return list(dict.fromkeys(_words(each.values[key]) for each in self.means))
-
-    def _is_grid(self, keys: list[str]) -> bool:
-        """Return whether two keys have all combinations of their values, few of the second."""
-        down, across = (len(self._levels(key)) for key in keys)
-        names = {each.name for each in self.means}
-        return across <= _MOST_ACROSS and len(self.means) == len(names) * down * across
-
-    def _grid(self, name: str, keys: list[str]) -> Table:
+    def _texts(self, name: str) -> list[str]:
         found, unit = self._of(name)
-        cells = {tuple(map(_words, each.values.values())): each.mean.text(unit) for each in found}
-        down, across = keys
-        levels = {key: self._levels(key) for key in keys}
-        rows = [[one, *(cells[one, other] for other in levels[across])] for one in levels[down]]
+        columns = (found[each].to_numpy() for each in ("mean", "low", "high", "runs"))
+        return Means(*columns).texts(unit)
+
+    def _values(self, key: str) -> list[str]:
+        """Return the words of a key in each combination."""
+        return self.means.loc[~self.means.index.duplicated(), key].map(_words).tolist()
+
+    def _is_grid(self) -> bool:
+        """Return whether two keys have all combinations of their values, few of the second."""
+        down, across = (len(set(self._values(key))) for key in self.keys)
+        return across <= _MOST_ACROSS and len(self._values(self.keys[0])) == down * across
+
+    def _grid(self, name: str) -> Table:
+        down, across = (self._values(key) for key in self.keys)
+        cells = dict(zip(zip(down, across, strict=True), self._texts(name), strict=True))
+        heads = list(dict.fromkeys(across))
+        rows = [[one, *(cells[one, other] for other in heads)] for one in dict.fromkeys(down)]
+        found, unit = self._of(name)
         title = f"{head_of(name, unit)}{_over_seeds(found)}"
-        heads = [" | ".join(_key_heads(keys)), *levels[across]]
+        heads = [" | ".join(_key_heads(self.keys)), *heads]
         return new_table(title, heads, rows, box=box.SIMPLE, pad_edge=False)
 
-    def _list(self, names: list[str], keys: list[str]) -> Table:
-        columns = [self._of(name) for name in names]
-        rows = [
-            [
-                *map(_words, row[0].values.values()),
-                *(each.mean.text(unit) for each, (_, unit) in zip(row, columns, strict=True)),
-            ]
-            for row in zip(*(found for found, _ in columns), strict=True)
-        ]
-        heads = _key_heads(keys) + [
-            head_of(name, unit) for name, (_, unit) in zip(names, columns, strict=True)
-        ]
-        return _cut(f"Measures{_over_seeds(columns[0][0])}", heads, rows)
+    def _list(self, names: list[str]) -> Table:
+        title = f"Measures{_over_seeds(self._of(names[0])[0])}"
+        return self._cut(title, names, [self._texts(name) for name in names])
 
-    def _extremes(self, keys: list[str]) -> Table:
-        names = list(dict.fromkeys(each.name for each in self.means if each.extreme))
-        shown = main_measures(names)[:_FEW_EXTREMES]
-        rows = []
-        groups = groupby(self.means, key=lambda each: each.values)
-        units = {name: self._of(name)[1] for name in shown}
-        for values, group in groups:
-            extremes = {each.name: each.extreme for each in group if each.name in shown}
-            cells = ((units[name], extremes[name]) for name in shown)
-            texts = [
-                f"{u.number(e.value)} [{u.number(e.low)}, {u.number(e.high)}]" if e else "-"
-                for u, e in cells
-            ]
-            rows.append([*map(_words, values.values()), *texts])
-        heads = [*_key_heads(keys), *(head_of(name, units[name]) for name in shown)]
-        return _cut(f"Exceeded by one run in {RUNS}: Gumbel fit and 95 % interval", heads, rows)
+    def _extremes(self) -> Table:
+        known = self.means[self.means["extreme"].notna()]
+        shown = main_measures(known["measure"].unique())[:_FEW_EXTREMES]
+        texts = []
+        for name in shown:
+            found, unit = self._of(name)
+            ends = found[["extreme", "extreme_low", "extreme_high"]].to_numpy()
+            numbers = ([*map(unit.number, row)] for row in ends)
+            cells = zip(found["extreme"].notna(), numbers, strict=True)
+            texts.append([f"{v} [{low}, {high}]" if ok else "-" for ok, (v, low, high) in cells])
+        title = f"Exceeded by one run in {RUNS}: Gumbel fit and 95 % interval"
+        return self._cut(title, shown, texts)
+
+    def _cut(self, title: str, names: list[str], texts: list[list[str]]) -> Table:
+        """Return a table with a row for each combination, or for the first of many."""
+        heads = [*_key_heads(self.keys), *(head_of(name, self._of(name)[1]) for name in names)]
+        rows = list(zip(*map(self._values, self.keys), *texts, strict=True))
+        table = new_table(title, heads, rows[:_MOST_ROWS], box=box.SIMPLE, pad_edge=False)
+        if len(rows) > _MOST_ROWS:
+            table.caption = f"{len(rows) - _MOST_ROWS} more rows are in {MEANS}"
+        return table
 
 
 def _key_heads(keys: list[str]) -> list[str]:
@@ -144,16 +131,8 @@ def _key_heads(keys: list[str]) -> list[str]:
     return [f"{short} ({unit})" if unit else short for short, unit in named]
 
 
-def _cut(title: str, heads: list[str], rows: list[list[str]]) -> Table:
-    table = new_table(title, heads, rows[:_MOST_ROWS], box=box.SIMPLE, pad_edge=False)
-    if len(rows) > _MOST_ROWS:
-        table.caption = f"{len(rows) - _MOST_ROWS} more rows are in {MEANS}"
-    return table
-
-
-def _over_seeds(found: Sequence[SeedMean]) -> str:
-    counts = [each.mean.seeds for each in found]
-    least, most = min(counts), max(counts)
+def _over_seeds(found: pd.DataFrame) -> str:
+    least, most = found["runs"].min(), found["runs"].max()
     seeds = counted(most, "seed") if least == most else f"{least} to {most} seeds"
     return f", mean and 95 % interval over {seeds}" if most > 1 else ""
 

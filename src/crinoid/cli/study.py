@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import numpy as np
+import pandas as pd
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
@@ -42,7 +42,8 @@ from crinoid.results.metrics import (
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
-from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.studies.design import Design
+from crinoid.studies.statistics import seed_means
 
 _MOST_HELD = 20_000_000
 """Numbers that cases keep in memory at most from their check to their run."""
@@ -56,23 +57,25 @@ def run_study(scenario: Scenario, folder: Path, *, resume: bool, force: bool) ->
     They are the runs of a sweep, in this process and with whole results. All are checked before
     anything is written. A case that fails or is refused then does not stop the others.
     """
-    plan = SweepDesign(scenario.with_values({}), scenario.vary)
+    plan = Design.of_vary(scenario)
     odd: dict[str, list[str]] = {}
+    cases: dict[str, Scenario] = {}
     ready: dict[str, Prepared] = {}
     held = 0
     for name, prepared in checked_runs(plan, range(1, plan.runs + 1), "vary"):
-        odd[name] = plausibility_warnings(prepared)
+        odd[name], cases[name] = plausibility_warnings(prepared), prepared.scenario
         held += _OF_A_SYSTEM + prepared.count
         if held <= _MOST_HELD:  # the others are read again: all would fill the memory
             ready[name] = prepared
     with claimed(folder):
         say_notes(notes_of_cases(odd))
         doubted = {doubt for each in odd.values() for doubt in each}
-        return _run_cases(plan, ready, folder, doubted, resume=resume, force=force)
+        return _run_cases(plan, cases, ready, folder, doubted, resume=resume, force=force)
 
 
 def _run_cases(
-    plan: SweepDesign,
+    plan: Design,
+    cases: dict[str, Scenario],
     ready: dict[str, Prepared],
     folder: Path,
     doubted: Collection[str],
@@ -80,7 +83,6 @@ def _run_cases(
     resume: bool,
     force: bool,
 ) -> str:
-    cases = {plan.name(run): plan.case(run) for run in range(1, plan.runs + 1)}
     registry = measures_of(plan.scenario)
     if not force:
         check_replaced(folder, cases, resume=resume)
@@ -143,16 +145,14 @@ def _run_cases(
 
 
 def _means(
-    plan: SweepDesign, rows: Mapping[str, Mapping[str, Any]], registry: Mapping[str, Measure]
+    plan: Design, rows: Mapping[str, Mapping[str, Any]], registry: Mapping[str, Measure]
 ) -> SeedTables:
     """Return means of the runs that reached their end."""
     done = {run: rows[name] for run in range(1, plan.runs + 1) if (name := plan.name(run)) in rows}
     runs = [run for run, row in done.items() if Status.of(row["status"]) is Status.OK]
-    numbers = {
-        name: np.array([math.nan if done[run][name] == "" else done[run][name] for run in runs])
-        for name in registry
-    }
-    return SeedTables([plan.values(run) for run in runs], numbers, registry)
+    table = pd.DataFrame([done[run] for run in runs], columns=list(registry)).replace("", math.nan)
+    numbers = {name: table[name].to_numpy(float) for name in registry}
+    return SeedTables(seed_means(map(plan.values, runs), numbers, registry), registry)
 
 
 class _CaseRun(NamedTuple):
@@ -197,7 +197,7 @@ def _measures(result: Result) -> dict[str, float | None]:
 
 
 def _earlier_rows(
-    plan: SweepDesign, folder: Path, cases: Mapping[str, Scenario]
+    plan: Design, folder: Path, cases: Mapping[str, Scenario]
 ) -> dict[str, dict[str, Any]]:
     """Return the rows of an earlier table whose results are there and of the same cases."""
     found: dict[str, dict[str, Any]] = {}

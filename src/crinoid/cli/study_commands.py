@@ -90,11 +90,9 @@ def sweep(
         text = "excludes --resume, --force and --weights. Leave them out; it writes nothing."
         stop(f"--dry-run: {text}")
     with Loading():
-        from crinoid.cli.cases import checked_case
         from crinoid.studies.sweep.plan import SweepDesign
 
     plan = SweepDesign.of(scenario, vary or (), **design)
-    checked_case(plan, 1, "--vary")
     with Loading():
         from crinoid.cli.sweep import WorkerOptions, estimate_sweep, run_sweep
 

@@ -40,6 +40,7 @@ from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
 from crinoid.simulation.batch import cores
+from crinoid.studies.statistics import seed_means
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore, has_zarr
@@ -138,8 +139,9 @@ def run_sweep(
             except WorkerPoolError as error:
                 return f"{error}; {_saved(plan, done)}"
     registry = measures_of(plan.scenario)
-    varied = [plan.values(run) for run in range(1, plan.runs + 1)]
-    means = SeedTables(varied, {name: data[name].values for name in registry}, registry)
+    numbers = {name: data[name].values for name in registry}
+    varied = map(plan.values, range(1, plan.runs + 1))
+    means = SeedTables(seed_means(varied, numbers, registry), registry)
     console.print(sweep_table(data, shares))
     for table in means.tables():
         console.print(table)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -82,6 +83,16 @@ class ScenarioError(ValueError):
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
+
+
+@contextmanager
+def mistakes_at(key: str, where: str) -> Iterator[None]:
+    """Raise mistakes again at another key, each after the words of where it is."""
+    try:
+        yield
+    except ScenarioError as error:
+        mistakes = [Mistake(key, f"{where}{mistake}") for mistake in error.mistakes]
+        raise ScenarioError(mistakes) from error
 
 
 def gathered(readers: Mapping[str, Callable[[], _Read]]) -> dict[str, _Read]:

@@ -17,7 +17,7 @@ from crinoid.scenario.consistency import RULES
 from crinoid.scenario.contact import SelfContact
 from crinoid.scenario.control import Control
 from crinoid.scenario.document import assign, parse, without_empty
-from crinoid.scenario.errors import Mistake, ScenarioError, shown
+from crinoid.scenario.errors import Mistake, ScenarioError
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.kinds import with_places
 from crinoid.scenario.load import Load
@@ -33,7 +33,7 @@ from crinoid.scenario.sensor import Sensor, Sensors
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.tool import Tool
-from crinoid.scenario.variation import Variations, combination
+from crinoid.scenario.variation import Levels, Variations, case_words, combination
 from crinoid.scenario.vehicle import Hull, Vehicle
 from crinoid.scenario.water import Water
 
@@ -302,8 +302,9 @@ class Scenario(Model):
         return max(1, round(interval / self.simulation.time_step))
 
     def _combinations(self) -> list[dict[str, Any]]:
+        axes = [Levels.of(key, values) for key, values in self.vary.items()]
         count = prod(map(len, self.vary.values()))
-        return [combination(self.vary, number) for number in range(count)]
+        return [combination(axes, number) for number in range(count)]
 
     def _conflicts(self) -> Iterator[Mistake]:
         mistakes = list(dimension_conflicts(self, self.arm.dimension))
@@ -324,11 +325,10 @@ class Scenario(Model):
             try:
                 self.with_values(values)
             except ScenarioError as error:
-                case = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
                 for mistake in error.mistakes:
                     if mistake not in known:
                         known.add(mistake)
-                        yield Mistake("vary", f"case {case}: {mistake}")
+                        yield Mistake("vary", f"{case_words(values)}{mistake}")
 
 
 @cache

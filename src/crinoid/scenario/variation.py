@@ -1,7 +1,7 @@
 """Variations: lists and ranges of values, and their combinations."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -55,16 +55,35 @@ class Span:
         return ":".join(map(str, (self.first, self.last, *count, *([_LOG] if self.log else []))))
 
 
-def combination(choices: Mapping[str, Sequence[Any]], number: int) -> dict[str, Any]:
-    """Return one combination of choices, by key; the last key changes fastest.
+@dataclass(frozen=True)
+class Levels:
+    """Levels of what varies together, made when they are asked for."""
 
-    ``number`` is from 0 to the product of the counts of values less 1.
+    count: int
+    at: Callable[[int], dict[str, Any]]
+    """The values of a level by dotted key."""
+
+    @staticmethod
+    def of(key: str, values: Sequence[Any]) -> "Levels":
+        """Return the levels of one key."""
+        return Levels(len(values), lambda place: {key: values[place]})
+
+
+def combination(axes: Sequence[Levels], number: int) -> dict[str, Any]:
+    """Return the values of one combination of levels; the last axis changes fastest.
+
+    ``number`` is from 0 to the product of the counts of levels less 1.
     """
-    found = {}
-    for key, values in reversed(list(choices.items())):
-        number, place = divmod(number, len(values))
-        found[key] = values[place]
-    return dict(reversed(found.items()))
+    found = []
+    for levels in reversed(axes):
+        number, place = divmod(number, levels.count)
+        found.append(levels.at(place))
+    return {key: value for level in reversed(found) for key, value in level.items()}
+
+
+def case_words(values: Mapping[str, Any]) -> str:
+    """Return the values of a case, as the beginning of a message about it."""
+    return f"case {', '.join(f'{key} = {shown(value)}' for key, value in values.items())}: "
 
 
 def read_variation(text: str) -> tuple[str, Span | list[Any]]:

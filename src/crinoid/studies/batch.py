@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,59 +15,44 @@ from crinoid.foundation.status import summed
 from crinoid.results.dataset import describe
 from crinoid.results.metrics import Measures, measured, measures_of
 from crinoid.results.result import Result
-from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, got, refusal, shown
-from crinoid.scenario.kinds import unit_at
+from crinoid.scenario import Scenario, ScenarioError, counted, got, refusal, shown
+from crinoid.scenario.errors import mistakes_at
 from crinoid.scenario.library import Source, scenario_of
-from crinoid.scenario.scenario import scenario_schema
+from crinoid.scenario.variation import Levels
 from crinoid.simulation import Progress
 from crinoid.simulation.batch import run_batch
 from crinoid.simulation.run import CtrlC
+from crinoid.studies.design import SEED, Design
 from crinoid.studies.measures import stacked, tabulated
 
-_DRAWN = "seed"
-"""Key of everything random."""
 _SHAPING = ("control", "sensor", "sensors", "target")
 """Tables that `crinoid.assembly.parameters.Parameters` describe in part only."""
 
 
-class Variation(NamedTuple):
-    """The runs of a batch, of which all have the same compiled programs."""
+def batch_of(
+    scenario: Scenario, over: Any, seeds: Any, *, records: bool
+) -> tuple[Design, list[Scenario]]:
+    """Return each entry of ``over`` with each seed as a design, and its cases.
 
-    runs: list[Scenario]
-    coordinates: dict[str, tuple[Any, ...]]
-    """The keys that vary and the seed, along ``run``, for xarray."""
-
-    @staticmethod
-    def of(scenario: Scenario, over: Any, seeds: Any, *, records: bool) -> Variation:
-        """Return the runs, each entry of ``over`` with each seed, the seeds changing fastest.
-
-        With ``records`` all runs must have the same instants.
-        """
-        columns, drawn = _columns(over), _seeds(seeds)
-        if not columns and drawn is None:
-            raise refusal("over", "missing, like seeds. Pass at least one of them.")
-        if _DRAWN in columns and drawn is not None:
-            raise refusal("seeds", f"excludes over[{shown(_DRAWN)}]. Pass one of the two.")
-        count = len(next(iter(columns.values()), [None]))
-        entries = [{key: values[row] for key, values in columns.items()} for row in range(count)]
-        cases = [_placed(f"over: entry {n}, ", scenario, each) for n, each in enumerate(entries)]
-        _require_alike(scenario, entries, cases, structure, _OTHER_STRUCTURE)
-        if records:
-            _require_alike(scenario, entries, cases, _instants, _OTHER_INSTANTS)
-        runs = cases
-        if drawn is not None:
-            runs = [
-                _placed(f"seeds: entry {row}, ", case, {_DRAWN: seed})
-                for case in cases
-                for row, seed in enumerate(drawn)
-            ]
-        repeats = len(runs) // count
-        coordinates = {
-            key: coordinate(key, [value for value in values for _ in range(repeats)])
-            for key, values in columns.items()
-        }
-        coordinates[_DRAWN] = coordinate(_DRAWN, [run.seed for run in runs])
-        return Variation(runs, coordinates)
+    All have the same compiled programs, and with ``records`` also the same instants.
+    """
+    columns, drawn = _columns(over), _seeds(scenario, seeds)
+    if not columns and drawn is None:
+        raise refusal("over", "missing, like seeds. Pass at least one of them.")
+    if SEED in columns and drawn is not None:
+        raise refusal("seeds", f"excludes over[{shown(SEED)}]. Pass one of the two.")
+    rows = zip(*columns.values(), strict=True)
+    entries = [dict(zip(columns, row, strict=True)) for row in rows] if columns else [{}]
+    repeated = {} if drawn is None else {SEED: Levels.of(SEED, drawn)}
+    design = Design(scenario, {"over": Levels(len(entries), entries.__getitem__)} | repeated)
+    repeats, cases = design.runs // len(entries), []
+    for run in range(design.runs):
+        with mistakes_at("", f"over: entry {run // repeats}, "):
+            cases.append(design.case(run + 1))
+    _require_alike(scenario, entries, cases[::repeats], structure, _OTHER_STRUCTURE)
+    if records:
+        _require_alike(scenario, entries, cases[::repeats], _instants, _OTHER_INSTANTS)
+    return design, cases
 
 
 def _columns(over: Any) -> dict[str, list[Any]]:
@@ -90,7 +74,7 @@ def _columns(over: Any) -> dict[str, list[Any]]:
     return found
 
 
-def _seeds(given: Any) -> list[Any] | None:
+def _seeds(scenario: Scenario, given: Any) -> list[Any] | None:
     if given is None:
         return None
     if hasattr(given, "tolist"):
@@ -99,16 +83,10 @@ def _seeds(given: Any) -> list[Any] | None:
         return list(range(given))
     if not isinstance(given, (list, tuple, range)) or not given:
         raise refusal("seeds", got(given, "be a number of at least 1, or a list of seeds"))
+    for row, seed in enumerate(given):
+        with mistakes_at("", f"seeds: entry {row}, "):
+            scenario.with_values({SEED: seed})
     return list(given)
-
-
-def _placed(where: str, scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
-    """Return a scenario with other values; add to mistakes the entry that they are in."""
-    try:
-        return scenario.with_values(values)
-    except ScenarioError as error:
-        mistakes = [Mistake("", f"{where}{mistake}") for mistake in error.mistakes]
-        raise ScenarioError(mistakes) from error
 
 
 _OTHER_STRUCTURE = (
@@ -163,22 +141,6 @@ def _without_numbers(value: Any) -> Any:
 def _instants(scenario: Scenario) -> tuple[float, float]:
     duration = scenario.simulation.steps * scenario.simulation.time_step
     return float(f"{scenario.output_interval:.9g}"), float(f"{duration:.9g}")
-
-
-def coordinate(key: str, values: list[Any]) -> tuple[Any, ...]:
-    """Return a key's values along ``run``; tables and lists of other lengths as JSON."""
-    unit = unit_at(scenario_schema(), key)
-    about = {"long_name": "seed of everything random" if key == _DRAWN else key}
-    about |= {"units": unit} if unit else {}
-    try:
-        found = np.array(values)
-    except ValueError:  # lists of several lengths
-        found = np.array(None)
-    if found.dtype.kind not in "biufU":
-        found = np.array([json.dumps(value) for value in values])
-    if found.dtype.kind == "U":
-        found = found.astype(object)
-    return ("run", *(f"{key}.{axis}" for axis in range(found.ndim - 1))), found, about
 
 
 def simulate_batch(
@@ -244,27 +206,27 @@ def simulate_batch(
     """
     described = scenario_of(scenario)
     require_one_case(described)
-    variation = Variation.of(described, over, seeds, records=records)
+    design, cases = batch_of(described, over, seeds, records=records)
 
     def data_of(result: Result) -> xr.Dataset | None:
         return result.dataset if records else None
 
     with CtrlC() if stop is None else nullcontext(stop) as asked:
         arms = run_batch(
-            variation.runs,
+            cases,
             lambda result: (measured(result), data_of(result)),
             take_unfinished=lambda result: (None, data_of(result)),
             report=report,
             stop=asked,
             threads=threads,
-            steps=sum(run.simulation.steps for run in variation.runs),
+            steps=sum(run.simulation.steps for run in cases),
         )
     taken: list[tuple[Measures | None, xr.Dataset | None]]
     taken = [(None, None) if arm.taken is None else arm.taken for arm in arms]
-    complete = {(row,): measures for row, (measures, _) in enumerate(taken) if measures}
-    status = np.array([arm.status for arm in arms], object)
-    found = tabulated(("run",), complete, status, measures_of(described), along="driven")
-    found = found.assign_coords(variation.coordinates)
+    status, registry = np.array([arm.status for arm in arms], object), measures_of(described)
+    numbers = [measures for measures, _ in taken]
+    found = tabulated(("run",), numbers, status, registry, along="driven")
+    found = found.assign_coords(design.coordinates())
     notes = np.array(["\n".join(arm.notes) for arm in arms], object)
     found["notes"] = "run", notes, {"long_name": "notes on a run, a line each"}
     if records:

@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
@@ -15,13 +17,15 @@ from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.sensor import InclinationSensor, inclination_sensor
+from crinoid.scenario.variation import Levels
 from crinoid.simulation import Progress
 from crinoid.simulation.batch import Arm, run_batch
 from crinoid.simulation.loop import controller_cpu_time
 from crinoid.simulation.loop_margin import factor_for
 from crinoid.simulation.setup import Setup, set_up
+from crinoid.studies.design import SEED, Design
 from crinoid.studies.measures import tabulated
-from crinoid.studies.statistics import Difference, Mean
+from crinoid.studies.statistics import differences, records, row_means
 
 _CROSSOVER = 1.0
 """Frequency (Hz) at which the loop crosses over where the margin allows it."""
@@ -36,7 +40,12 @@ _STATIONS = tuple(station / 10 for station in range(11))
 
 
 def controlled_by(scenario: Scenario, kind: str) -> Scenario:
-    """Return a scenario under a kind of controller, and without the run for comparison.
+    """Return a scenario under a kind of controller: with the values of `controller_values`."""
+    return scenario.with_values(controller_values(scenario, kind))
+
+
+def controller_values(scenario: Scenario, kind: str) -> dict[str, Any]:
+    """Return the values of a scenario under a kind of controller, without the run for comparison.
 
     A PID without gains in the scenario drives every input that moves the controlled quantities, all
     with the same gains. Through the static Jacobian each of them sees a plant of gain one, so
@@ -54,7 +63,7 @@ def controlled_by(scenario: Scenario, kind: str) -> Scenario:
         sensor = InclinationSensor(kind="inclination", stations=_STATIONS)
         values["sensors"] = [*scenario.sensors, sensor]
     if kind != "pid" or scenario.control.pid.present:
-        return scenario.with_values(values)
+        return values
     start = 2 * math.pi * _CROSSOVER
     names, setup = _driven(scenario, values)
     if setup is not None and setup.open_loop is not None and setup.modes is not None:
@@ -66,7 +75,7 @@ def controlled_by(scenario: Scenario, kind: str) -> Scenario:
             # two digits, rounded down
             unit = 10.0 ** (math.floor(math.log10(factor * start)) - 1)
             ki = float(f"{math.floor(factor * start / unit + 1e-9) * unit:.6g}")
-            return scenario.with_values(values | {"control.pid": _gains(names, ki, first)})
+            return values | {"control.pid": _gains(names, ki, first)}
     text = "missing, and no default gains leave a margin. Set gains for kind pid."
     raise refusal("control.pid", text)
 
@@ -113,7 +122,7 @@ def compared_measures(data: xr.Dataset) -> list[str]:
 
 def best_controller(data: xr.Dataset) -> int:
     """Return the index of the controller with the smallest mean RMS error; 0 without any run."""
-    means = [Mean.of(errors).value for errors in data["rms_error"].values]
+    means = row_means(data["rms_error"].values).value
     return int(np.nanargmin(means)) if np.isfinite(means).any() else 0
 
 
@@ -125,33 +134,35 @@ def comparison_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
     """
     kinds, best = [str(kind) for kind in data["controller"].values], best_controller(data)
     for name in compared_measures(data):
-        for kind, values in zip(kinds, data[name].values, strict=True):
-            mean, than = Mean.of(values), Difference.of(values, data[name].values[best])
-            found = (*than.mean[:3], than.p_value) if kind != kinds[best] else (np.nan,) * 4
-            numbers = dict(zip(_NUMBERS, (*mean[:3], *found), strict=True))
-            yield {
-                "measure": name,
-                "units": data[name].attrs.get("units", "1"),
-                "controller": kind,
-                "runs": mean.seeds,
-                **{key: "" if np.isnan(number) else number for key, number in numbers.items()},
-                "against": kinds[best],
-            }
+        values = data[name].values
+        means, (than, p_values) = row_means(values), differences(values, values[best])
+        columns = np.stack([*means[:3], *than[:3], p_values])
+        columns[3:, best] = np.nan
+        units = data[name].attrs.get("units", "1")
+        about = {"measure": name, "units": units, "controller": kinds, "runs": means.runs}
+        numbers = dict(zip(_NUMBERS, columns, strict=True))
+        yield from records(pd.DataFrame(about | numbers | {"against": kinds[best]}))
 
 
 class ControllerComparison:
     """A scenario of one case under several kinds of controllers (`controlled_by`), over seeds."""
 
     def __init__(self, scenario: Source, kinds: Sequence[str], seeds: Sequence[int]) -> None:
-        self.scenario, self.seeds = scenario_of(scenario), list(seeds)
-        first = self.scenario.with_values({"seed": self.seeds[0]})
-        self.cases = {kind: controlled_by(first, kind) for kind in kinds}
-        self.controller_cpu_time = dict.fromkeys(self.cases, math.nan)  # without a start
-        for kind, case in self.cases.items():
+        self.scenario, self.kinds = scenario_of(scenario), list(kinds)
+        first = self.scenario.with_values({SEED: seeds[0]})
+        under = [controller_values(first, kind) for kind in kinds]
+        axes = {"controller": Levels(len(under), under.__getitem__), SEED: Levels.of(SEED, seeds)}
+        self.design, self.seeds = Design(self.scenario, axes), list(seeds)
+        self._firsts = [self.design.case(run) for run in range(1, self.design.runs + 1, len(seeds))]
+        self.controller_cpu_time = []
+        """NaN without a start."""
+        for case in self._firsts:
             setup = set_up(Prepared(case))
-            if setup.outcome.converged:
-                self.controller_cpu_time[kind] = controller_cpu_time(setup.loop, setup.state)
-        self.arms: dict[str, list[Arm[Measures]]] = {}
+            started = setup.outcome.converged
+            time = controller_cpu_time(setup.loop, setup.state) if started else math.nan
+            self.controller_cpu_time.append(time)
+        self.arms: list[Arm[Measures]] = []
+        """Outcomes of the first runs of the design."""
         self.has_runs = False
         """Whether a run has reached its end."""
 
@@ -169,54 +180,43 @@ class ControllerComparison:
             self.has_runs = True
             return measures
 
-        for kind, case in self.cases.items():
+        runs = iter(range(1, self.design.runs + 1))
+        for kind in self.kinds:
             if stop():
                 break
-            scenarios = [case.with_values({"seed": seed}) for seed in self.seeds]
-            self.arms[kind] = run_batch(scenarios, take, label=kind, report=report, stop=stop)
+            cases = [self.design.case(run) for run in islice(runs, len(self.seeds))]
+            self.arms += run_batch(cases, take, label=kind, report=report, stop=stop)
 
     @property
-    def notes(self) -> dict[str, list[str]]:
-        """Notes on each run, by its name."""
-        return {f"{kind} with seed {seed}": arm.notes for (kind, seed), arm in self.runs.items()}
-
-    @property
-    def runs(self) -> dict[tuple[str, int], Arm[Measures]]:
-        """Results of the runs so far, by controller and seed."""
-        return {
-            (kind, seed): arm
-            for kind, arms in self.arms.items()
-            for seed, arm in zip(self.seeds, arms, strict=True)
-        }
+    def runs(self) -> dict[str, Arm[Measures]]:
+        """Results of the runs so far, by their names."""
+        names = (f"{kind} with seed {seed}" for kind in self.kinds for seed in self.seeds)
+        return dict(zip(names, self.arms, strict=False))
 
     def dataset(self) -> xr.Dataset:
         """Return the measures of all runs; NaN of one that did not reach its end."""
-        size = (len(self.cases), len(self.seeds))
-        status = np.full(size, f"{Status.INTERRUPTED} before it began", object)
-        complete = {}
-        for row, kind in enumerate(self.cases):
-            for column, arm in enumerate(self.arms.get(kind, [])):
-                status[row, column] = arm.status
-                if arm.taken is not None:
-                    complete[row, column] = arm.taken
+        none: Arm[Measures] = Arm(None, f"{Status.INTERRUPTED} before it began", [])
+        arms = [*self.arms, *[none] * (self.design.runs - len(self.arms))]
+        status = np.array([arm.status for arm in arms], object).reshape(-1, len(self.seeds))
         registry = measures_of(self.scenario)
         if not {"angle", "direction"} & set(self.scenario.control.controlled):
             registry = {name: each for name, each in registry.items() if name not in _OF_ANGLE}
-        data = tabulated(("controller", "seed"), complete, status, registry)
-        if complete:
+        found = [arm.taken for arm in arms]
+        data = tabulated(("controller", SEED), found, status, registry)
+        if self.has_runs:
             unknown = [name for name in registry if not np.isfinite(data[name]).any()]
             data = data.drop_vars(unknown)
         data["tick_time"] = (
             "controller",
-            list(self.controller_cpu_time.values()),
+            self.controller_cpu_time,
             {"units": "s", "long_name": "time of a command", "comment": _TICK},
         )
         data["controller_scenario"] = (
             "controller",
-            np.array([case.to_toml() for case in self.cases.values()], object),
+            np.array([case.to_toml() for case in self._firsts], object),
             {"long_name": "scenario as run with the first seed"},
         )
         return data.assign_coords(
-            controller=("controller", list(self.cases), {"long_name": "kind of controller"}),
-            seed=("seed", self.seeds, {"long_name": "seed of everything random"}),
+            controller=("controller", self.kinds, {"long_name": "kind of controller"}),
+            seed=(SEED, self.seeds, {"long_name": "seed of everything random"}),
         ).assign_attrs(describe(self.scenario) | {"status": summed(status.flat)})

@@ -45,25 +45,23 @@ def stacked(runs: Sequence[xr.Dataset | None]) -> xr.Dataset:
 
 def tabulated(
     over: tuple[str, ...],
-    found: Mapping[Any, Measures],
+    found: Sequence[Measures | None],
     status: np.ndarray,
     registry: Mapping[str, Measure],
     along: str = "input",
 ) -> xr.Dataset:
     """Return the measures of many runs ``over`` some dimensions; NaN of a run that has none.
 
-    They are given by the indices of their runs, the ``status`` of each run as an array; the inputs
-    that can move are ``along`` a dimension.
+    They are ordered as the ``status`` of each run in its array, the last dimension changing
+    fastest; the inputs that can move are ``along`` a dimension.
     """
-    unit: dict[str, str] = {}
-    for measures in found.values():
-        unit |= measures.unit
-    numbers = {name: np.full(status.shape, np.nan) for name in registry}
-    effort = np.full((*status.shape, len(unit)), np.nan)
-    for place, measures in found.items():
-        for name, values in numbers.items():
-            values[place] = measures.numbers[name]
-        effort[place] = [measures.speed.get(name, np.nan) for name in unit]
+    unit = {name: text for each in found if each for name, text in each.unit.items()}
+    numbers = {
+        name: np.reshape([each.numbers[name] if each else np.nan for each in found], status.shape)
+        for name in registry
+    }
+    speeds = [[each.speed.get(name, np.nan) if each else np.nan for name in unit] for each in found]
+    effort = np.reshape(np.array(speeds, float), (*status.shape, len(unit)))
     return measures_dataset(over, numbers, registry, effort, unit, status, along)
 
 

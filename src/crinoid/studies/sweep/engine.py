@@ -16,11 +16,11 @@ import tomli_w
 from crinoid.compilation import make_room
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
-from crinoid.results.metrics import measured
+from crinoid.results.metrics import Measures, measured
 from crinoid.scenario import Scenario, ScenarioError
-from crinoid.simulation.batch import run_batch
+from crinoid.simulation.batch import Arm, run_batch
 from crinoid.studies.sweep.plan import SweepDesign
-from crinoid.studies.sweep.store import RunOutcome, SweepStore
+from crinoid.studies.sweep.store import SweepStore
 
 
 class OtherVersionError(RuntimeError):
@@ -41,35 +41,29 @@ class Work:
     version: str = __version__
 
 
-def perform(work: Work) -> list[RunOutcome]:
-    """Run a batch, and return a row for each of its runs, in order."""
+def perform(work: Work) -> list[Arm[Measures]]:
+    """Run a batch, and return the outcome of each of its runs, in order."""
     if work.version != __version__:
         raise OtherVersionError(f"a worker has crinoid {__version__}, the sweep is {work.version}")
     scenario = _read(work.scenario)
-    rows: list[RunOutcome | None] = [None] * len(work.values)
-    cases = {}
+    cases: dict[int, Scenario] = {}
+    found: dict[int, Arm[Measures]] = {}
     for index, values in enumerate(work.values):
         try:
             cases[index] = scenario.with_values(values)
         except ScenarioError as error:
-            rows[index] = RunOutcome(f"refused: {'; '.join(error.lines)}")
-    arms = run_batch(
-        list(cases.values()),
-        lambda result: RunOutcome(result.status, measured(result)),
-        threads=work.threads,
-        steps=work.steps,
-    )
-    for index, arm in zip(cases, arms, strict=True):
-        rows[index] = arm.taken or RunOutcome(arm.status)
+            found[index] = Arm(None, f"refused: {'; '.join(error.lines)}", [])
+    arms = run_batch(list(cases.values()), measured, threads=work.threads, steps=work.steps)
+    found |= dict(zip(cases, arms, strict=True))
     make_room()
-    return [row for row in rows if row is not None]
+    return [found[index] for index in range(len(work.values))]
 
 
 _read = lru_cache(maxsize=2)(Scenario.from_toml)
 
 
 DIED = "its worker died"
-BatchFuture = Future[list[RunOutcome]]
+BatchFuture = Future[list[Arm[Measures]]]
 
 
 class WorkerPoolError(RuntimeError):
@@ -137,7 +131,7 @@ def run_batches(
     running: dict[str, _Flight] = {}
     tries: Counter[int] = Counter()
     slowest: dict[int, float] = {}  # time of a run, by structure
-    found: list[tuple[int, list[RunOutcome]]] = []
+    found: list[tuple[int, list[Arm[Measures]]]] = []
     saved = sum(batches[number].runs.size for number in done)
 
     def failed(number: int, reason: str) -> None:
@@ -147,8 +141,8 @@ def run_batches(
         if tries[number] < _TRIES:
             waiting.append(number)
             return
-        row = RunOutcome(f"{Status.FAILED}: {reason}, {_TRIES} times")
-        found.append((number, [row] * batches[number].runs.size))
+        arm: Arm[Measures] = Arm(None, f"{Status.FAILED}: {reason}, {_TRIES} times", [])
+        found.append((number, [arm] * batches[number].runs.size))
 
     report(saved)
     try:
@@ -160,10 +154,10 @@ def run_batches(
                     values = [plan.values(run) for run in batches[number].runs.tolist()]
                     work = Work(scenario, values, threads, plan.steps)
                     running[worker] = _Flight(number, time.monotonic(), pool.submit(worker, work))
-            for number, rows in found:  # while workers are at work again
-                store.save(plan, number, batches[number], rows)
+            for number, arms in found:  # while workers are at work again
+                store.save(plan, number, batches[number], arms)
                 done.add(number)
-                saved += len(rows)
+                saved += len(arms)
                 report(saved)
             found.clear()
             if stop():
@@ -199,8 +193,8 @@ def run_batches(
     return True
 
 
-def _outcome(pool: WorkerPool, worker: str, future: BatchFuture) -> list[RunOutcome] | str:
-    """Return the rows of a batch, or why it has none."""
+def _outcome(pool: WorkerPool, worker: str, future: BatchFuture) -> list[Arm[Measures]] | str:
+    """Return the outcomes of a batch, or why it has none."""
     try:
         return future.result()
     except (ImportError, OtherVersionError) as error:

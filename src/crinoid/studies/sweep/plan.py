@@ -16,8 +16,10 @@ from jaxtyping import Float, Int
 from crinoid.foundation.version import __version__
 from crinoid.scenario import Scenario, ScenarioError, got, one_of, refusal, shown
 from crinoid.scenario.document import digests, parse, value_at
+from crinoid.scenario.errors import mistakes_at
 from crinoid.scenario.library import Source, scenario_of
-from crinoid.scenario.variation import Span, combination, read_variation
+from crinoid.scenario.variation import Levels, Span, case_words, read_variation
+from crinoid.studies.design import SEED, Design
 from crinoid.studies.sweep.sampling import SAMPLINGS, points_of, sample
 
 PLAN = "plan.toml"
@@ -25,7 +27,9 @@ PLAN = "plan.toml"
 MOST_RUNS, _MOST_FILES = 10_000_000, 100_000
 _MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
 _SAMPLE = "\0sample"
-"""Key that represents all keys that are sampled together."""
+"""Name of the axis of all keys that are sampled together."""
+_FIRST = 100
+"""Most cases that are checked before anything slow is loaded."""
 _FIXED = ("simulation", "output")
 """Tables whose numbers change the compiled programs."""
 _NUMBERS = dict.fromkeys(("count", "seeds", "batch"), int)
@@ -43,12 +47,14 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SweepDesign:
-    """All runs of a sweep: every combination of values, samples and seeds."""
+class SweepDesign(Design):
+    """All runs of a sweep: every combination of values, samples and seeds.
 
-    scenario: Scenario
-    """One case; its ``seed`` is the first of the seeds, and draws the samples."""
-    varied: Mapping[str, Span | list[Any]]
+    The ``seed`` of the scenario is the first of the seeds, and draws the samples.
+    """
+
+    axes: Mapping[str, Levels] = field(init=False, repr=False, compare=False)
+    varied: Mapping[str, Span | list[Any]] = field(default_factory=dict)
     """Values of each key that varies: a list, or a `Span`, which without a count is sampled."""
     sampling: str = "grid"
     """``grid``, where nothing is sampled, ``lhs``, ``sobol`` or ``saltelli``."""
@@ -60,6 +66,21 @@ class SweepDesign:
     """Largest number of runs in a batch."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Digest of each file that the scenario names."""
+
+    def __post_init__(self) -> None:
+        """Set the axes: values of keys, samples, seeds."""
+        axes: dict[str, Levels] = {
+            key: Levels.of(key, values.values() if isinstance(values, Span) else values)
+            for key, values in self.varied.items()
+            if key not in self._spans
+        }
+        if self._spans:
+            points = points_of(self.sampling, self.count, len(self._spans))
+            axes[_SAMPLE] = Levels(points, self._sampled)
+        if self.seeds > 1:
+            first = self.scenario.seed
+            axes[SEED] = Levels.of(SEED, range(first, first + self.seeds))
+        object.__setattr__(self, "axes", axes)
 
     @staticmethod
     def of(
@@ -92,12 +113,10 @@ class SweepDesign:
         size = min(_MOST_IN_A_BATCH, -(-plan.runs // _MOST_BATCHES))
         plan = replace(plan, batch=batch or size)
         plan._check_runs()
+        for run in plan.examples(_FIRST)[:_FIRST]:
+            with mistakes_at("--vary", case_words(plan.values(run))):
+                plan.case(run)
         return plan
-
-    @cached_property
-    def runs(self) -> int:
-        """Number of runs."""
-        return prod(map(len, self._choices.values()))
 
     @property
     def steps(self) -> int:
@@ -107,31 +126,12 @@ class SweepDesign:
     @property
     def keys(self) -> list[str]:
         """Keys that differ between runs; ``seed``, where there are several, is the last one."""
-        return [*self.varied, *(["seed"] if self.seeds > 1 else [])]
+        return [*self.varied, *([SEED] if self.seeds > 1 else [])]
 
     def values(self, run: int) -> dict[str, Any]:
         """Return the values of a run by key, numbered from 1; the last key changes fastest."""
-        found = combination(self._choices, run - 1)
-        point = self._samples[found.pop(_SAMPLE)] if _SAMPLE in found else ()
-        sampled = zip(self._spans, point, strict=True)
-        found |= {key: self._spans[key].at(float(part)) for key, part in sampled}
+        found = super().values(run)
         return {key: found[key] for key in self.keys}
-
-    def case(self, run: int) -> Scenario:
-        """Return the scenario of a run; a `ScenarioError` if its values exclude each other."""
-        return self.scenario.with_values(self.values(run))
-
-    def name(self, run: int) -> str:
-        """Return the name of a run, which is that of its folder."""
-        return f"case-{run:0{max(2, len(str(self.runs)))}d}"
-
-    def row(
-        self, run: int, measures: Mapping[str, float | None], status: str, directory: str
-    ) -> dict[str, Any]:
-        """Return the row of a run in ``cases.csv``; a measure that is not known is empty."""
-        numbers = {name: "" if value is None else value for name, value in measures.items()}
-        ends = {"status": status, "directory": directory}
-        return {"case": self.name(run), **self.values(run), **numbers, **ends}
 
     @property
     def sampled(self) -> list[str]:
@@ -140,7 +140,7 @@ class SweepDesign:
 
     def by_point(self, values: Float[np.ndarray, " run"]) -> Float[np.ndarray, "point other"]:
         """Return a number of each run by the sampled point, and by all else that varies."""
-        sizes = {key: len(choices) for key, choices in self._choices.items()}
+        sizes = {name: levels.count for name, levels in self.axes.items()}
         found = np.moveaxis(values.reshape(*sizes.values()), list(sizes).index(_SAMPLE), 0)
         return found.reshape(sizes[_SAMPLE], -1)
 
@@ -156,14 +156,15 @@ class SweepDesign:
     @cached_property
     def structures(self) -> list[Int[np.ndarray, " run"]]:
         """The runs that share their compiled programs, judged by their values."""
-        sizes = tuple(map(len, self._choices.values()))
+        sizes = [levels.count for levels in self.axes.values()]
         places = np.unravel_index(np.arange(self.runs), sizes) if sizes else ()
         structure = np.zeros(self.runs, np.int64)
-        for (key, choices), place in zip(self._choices.items(), places, strict=True):
-            if key not in self._structural:
+        for (name, levels), place in zip(self.axes.items(), places, strict=True):
+            if name not in self._structural:
                 continue
             kinds: dict[str, int] = {}
-            of_each = [kinds.setdefault(repr(each), len(kinds)) for each in choices]
+            words = (repr(levels.at(number)) for number in range(levels.count))
+            of_each = [kinds.setdefault(each, len(kinds)) for each in words]
             structure = structure * len(kinds) + np.array(of_each)[place]
         order = np.argsort(structure, kind="stable")
         return np.split(order + 1, np.flatnonzero(np.diff(structure[order])) + 1)
@@ -175,14 +176,15 @@ class SweepDesign:
         """
         found = {int(runs[0]) for runs in self.structures}
         stride = 1
-        for key, choices in reversed(self._choices.items()):
-            if key == _SAMPLE:
-                ends = (self._samples.argmin(axis=0), self._samples.argmax(axis=0))
-                places = np.concatenate(ends)
+        for name, levels in reversed([*self.axes.items()]):
+            if name == _SAMPLE:
+                places = np.concatenate(
+                    (self._samples.argmin(axis=0), self._samples.argmax(axis=0))
+                )
             else:
-                places = np.linspace(0, len(choices) - 1, min(most, len(choices))).astype(int)
+                places = np.linspace(0, levels.count - 1, min(most, levels.count)).astype(int)
             found.update(int(place) * stride + 1 for place in places)
-            stride *= len(choices)
+            stride *= levels.count
         return sorted(found)
 
     def to_toml(self) -> str:
@@ -220,16 +222,17 @@ class SweepDesign:
         for key, values in varied.items():
             if not values or not isinstance(values, (Span, list)):
                 raise refusal(f"varied.{key}", got(values, "be a list of values"))
-        plan = SweepDesign(Scenario.from_dict(found.pop("scenario")), varied, **found)
-        count = None if plan.sampling == "grid" else plan.count
-        _check(varied, plan.sampling, count, plan.seeds, plan.batch)
+        scenario = Scenario.from_dict(found.pop("scenario"))
+        count = None if found["sampling"] == "grid" else found["count"]
+        _check(varied, found["sampling"], count, found["seeds"], found["batch"])
+        plan = SweepDesign(scenario, varied, **found)
         plan._check_runs()
         return plan
 
     def _check_runs(self) -> None:
         if self.runs > MOST_RUNS:
             raise refusal("--vary", f"makes {self.runs} runs; must make at most {MOST_RUNS}")
-        structures = prod(len(self._choices[key]) for key in self._structural)
+        structures = prod(self.axes[key].count for key in self._structural)
         batches = max(structures, -(-self.runs // self.batch))
         if batches > _MOST_FILES:
             text = f"makes {batches} batches, a file each; must make at most {_MOST_FILES}"
@@ -241,8 +244,8 @@ class SweepDesign:
         """Keys whose values change the compiled programs."""
         return {
             key
-            for key, choices in self._choices.items()
-            if key not in (_SAMPLE, "seed") and not _is_number(self.scenario, key, choices[0])
+            for key, levels in self.axes.items()
+            if key not in (_SAMPLE, SEED) and not _is_number(self.scenario, key, levels.at(0)[key])
         }
 
     @cached_property
@@ -250,21 +253,12 @@ class SweepDesign:
         return {k: v for k, v in self.varied.items() if isinstance(v, Span) and v.count is None}
 
     @cached_property
-    def _choices(self) -> dict[str, Sequence[Any]]:
-        """Choices that are combined: values of keys, samples, seeds."""
-        found: dict[str, Sequence[Any]] = {}
-        for key, values in self.varied.items():
-            if key not in self._spans:
-                found[key] = values.values() if isinstance(values, Span) else values
-        if self._spans:
-            found[_SAMPLE] = range(points_of(self.sampling, self.count, len(self._spans)))
-        if self.seeds > 1:
-            found["seed"] = range(self.scenario.seed, self.scenario.seed + self.seeds)
-        return found
-
-    @cached_property
-    def _samples(self) -> np.ndarray:
+    def _samples(self) -> Float[np.ndarray, "point key"]:
         return sample(self.sampling, self.count, len(self._spans), self.scenario.seed)
+
+    def _sampled(self, place: int) -> dict[str, Any]:
+        parts = zip(self._spans.items(), self._samples[place], strict=True)
+        return {key: span.at(float(part)) for (key, span), part in parts}
 
 
 def read_plan(folder: Path) -> SweepDesign:
@@ -311,7 +305,7 @@ def _check(
         raise refusal("--sample", "needs a range to sample, such as --vary arm.length=0.3:0.6")
     elif count is None:
         raise refusal("--sample", "needs --count N, the number of points")
-    if seeds > 1 and "seed" in varied:
+    if seeds > 1 and SEED in varied:
         raise refusal("--seeds", "excludes other values of seed. Leave one of them out.")
 
 

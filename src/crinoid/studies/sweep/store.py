@@ -7,7 +7,6 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,19 +17,11 @@ from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.dataset import describe
 from crinoid.results.metrics import CASES, Measures, measures_of, write_rows
-from crinoid.studies.batch import coordinate
+from crinoid.simulation.batch import Arm
+from crinoid.studies.design import SEED
 from crinoid.studies.measures import measures_dataset, tabulated
-from crinoid.studies.statistics import MEANS
+from crinoid.studies.statistics import MEANS, records
 from crinoid.studies.sweep.plan import PLAN, Batch, SweepDesign
-
-
-class RunOutcome(NamedTuple):
-    """Outcome of one run."""
-
-    status: str
-    """``ok``, or what went wrong and when."""
-    measures: Measures | None = None
-    """None of a run that did not reach its end."""
 
 
 def _numbered(runs: Int[np.ndarray, " run"]) -> tuple[str, np.ndarray, dict[str, str]]:
@@ -60,11 +51,9 @@ def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
         {name: units[name] for name in inputs},
         table["status"].to_numpy(object),
     )
-    varied = [plan.values(run) for run in table.index]
-    seeds = [values.get("seed", plan.scenario.seed) for values in varied]
-    found = {key: coordinate(key, [values[key] for values in varied]) for key in plan.keys}
-    found |= {"run": _numbered(table.index.to_numpy()), "seed": coordinate("seed", seeds)}
-    return data.assign_coords(found).assign_attrs(
+    found = plan.coordinates() | {"run": _numbered(table.index.to_numpy())}
+    ordered = {name: found[name] for name in dict.fromkeys((*plan.keys, "run", SEED))}
+    return data.assign_coords(ordered).assign_attrs(
         describe(plan.scenario) | {"plan": plan.to_toml()}
     )
 
@@ -130,11 +119,10 @@ class SweepStore:
         return found
 
     def save(
-        self, plan: SweepDesign, number: int, batch: Batch, rows: Sequence[RunOutcome]
+        self, plan: SweepDesign, number: int, batch: Batch, arms: Sequence[Arm[Measures]]
     ) -> None:
         """Write a batch."""
-        status = np.array([row.status for row in rows], object)
-        found = {(k,): row.measures for k, row in enumerate(rows) if row.measures is not None}
+        status, found = np.array([arm.status for arm in arms], object), [arm.taken for arm in arms]
         data = tabulated(("run",), found, status, measures_of(plan.scenario))
         data = data.assign_coords(run=_numbered(batch.runs))
         with atomic_write(self._path(number)) as temporary:
@@ -156,8 +144,7 @@ class SweepStore:
                 data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
         registry = measures_of(plan.scenario)
         columns = data[[*registry, "status"]].reset_coords(drop=True)
-        table = columns.to_dataframe().astype(object)
-        rows = enumerate(table.where(table.notna(), None).to_dict("records"), start=1)
+        rows = enumerate(records(columns.to_dataframe()), start=1)
         cases = (plan.row(run, row, row.pop("status"), plan.name(run)) for run, row in rows)
         write_rows(self.folder / CASES, cases)
         return data, [path, self.folder / CASES]

@@ -15,7 +15,7 @@ from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import MEASURES
 from crinoid.results.units import DEGREES, Unit, largest, si_unit
 from crinoid.studies.comparison import best_controller, compared_measures
-from crinoid.studies.statistics import Mean
+from crinoid.studies.statistics import row_means
 from crinoid.view.figures import style
 
 _COLUMNS = 3
@@ -77,21 +77,21 @@ def _points(axes: Axes, kinds: list[str], values: Float[np.ndarray, "controller 
     found = values[np.isfinite(values)]
     positive = bool(found.size and found.min() > 0)
     logarithmic = positive and bool(_WIDE[0] < found.max() / found.min() < _WIDE[1])
+    means = row_means(values)
     for place, row in enumerate(values):
         there = np.isfinite(row)
         if not there.any():
             axes.annotate("no run", (place, 0.5), xycoords=("data", "axes fraction"), ha="center")
             continue
-        colour, mean = style.SERIES[place % len(style.SERIES)], Mean.of(row)
+        colour = style.SERIES[place % len(style.SERIES)]
+        mean, half, high = (each[place] for each in (means.value, means.half, means.high))
         axes.scatter(place + shift[there], row[there], s=14, color=colour, alpha=0.6, linewidth=0)
-        axes.hlines(
-            mean.value, place - 0.34, place + 0.34, color=style.INK, linewidth=1.2, zorder=3
-        )
-        if mean.half > 0:
-            axes.errorbar(place, mean.value, mean.half, color=style.INK, linewidth=1.0, capsize=5)
-        top = place, float(max(mean.high if mean.half > 0 else mean.value, row[there].max()))
+        axes.hlines(mean, place - 0.34, place + 0.34, color=style.INK, linewidth=1.2, zorder=3)
+        if half > 0:
+            axes.errorbar(place, mean, half, color=style.INK, linewidth=1.0, capsize=5)
+        top = place, float(max(high if half > 0 else mean, row[there].max()))
         look: Any = {"textcoords": "offset points", "ha": "center", "fontsize": 8.0}
-        axes.annotate(f"{mean.value:.3g}", top, (0, 4), **look)
+        axes.annotate(f"{mean:.3g}", top, (0, 4), **look)
     axes.set_xticks(range(len(kinds)), kinds, parse_math=False)
     axes.set_xlim(-0.6, len(kinds) - 0.4)
     axes.grid(visible=False, axis="x")

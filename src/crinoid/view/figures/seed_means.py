@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import main_measures, plain_number
 from crinoid.results.metrics import MEASURES
-from crinoid.studies.statistics import SEED, Mean
+from crinoid.studies.design import SEED
+from crinoid.studies.statistics import means_of
 from crinoid.view.figures import style
 from crinoid.view.figures.study import Key, Study, StudyMeasure
 
@@ -65,12 +66,11 @@ def draw_means(study: Study, title: str) -> Figure:
 
 def _draw_line(axes: Axes, measure: StudyMeasure, key: Key) -> None:
     values = measure.values * measure.unit.factor
-    means = [Mean.of(values[key.level == level]) for level in range(len(key.levels))]
-    at = np.arange(len(means)) if key.numbers is None else key.numbers
+    means = means_of(values, key.level, len(key.levels))
+    at = np.arange(len(key.levels)) if key.numbers is None else key.numbers
     axes.scatter(key.values, values, s=9, color=style.SKY, linewidth=0)
-    bars = [each.half for each in means]  # NaN of one seed: no bar
     look: Any = {"color": style.BLUE, "capsize": 3, "marker": "o", "markersize": 3.5}
-    axes.errorbar(at, [each.value for each in means], bars, **look)
+    axes.errorbar(at, means.value, means.half, **look)  # NaN of one seed: no bar
     axes.set_xlabel(key.label)
     axes.set_ylim(min(0.0, axes.get_ylim()[0]))
     if key.logarithmic:
@@ -84,22 +84,19 @@ def _draw_line(axes: Axes, measure: StudyMeasure, key: Key) -> None:
 
 def _draw_grid(axes: Axes, measure: StudyMeasure, across: Key, up: Key) -> None:
     shape = len(up.levels), len(across.levels)
-    cells = [
-        [measure.values[(up.level == row) & (across.level == column)] for column in range(shape[1])]
-        for row in range(shape[0])
-    ]
-    means = [[Mean.of(cell) for cell in row] for row in cells]
-    values = np.array([[each.value for each in row] for row in means]) * measure.unit.factor
+    means = means_of(measure.values, up.level * shape[1] + across.level, math.prod(shape))
+    values = means.value.reshape(shape) * measure.unit.factor
     mesh = axes.pcolormesh(values, cmap="viridis", edgecolors="white", linewidth=3.0)
     axes.grid(visible=False)
     middle = np.nanmean([np.nanmin(values), np.nanmax(values)])
     if shape[1] <= 5 and shape[0] <= 10:
+        texts = iter(means.texts(measure.unit))
         for (row, column), value in np.ndenumerate(values):
             dark = not value > middle
             axes.text(
                 column + 0.5,
                 row + 0.5,
-                means[row][column].text(measure.unit),
+                next(texts),
                 ha="center",
                 va="center",
                 fontsize=7.5 if shape[1] <= 3 else 6.0,
@@ -109,6 +106,6 @@ def _draw_grid(axes: Axes, measure: StudyMeasure, across: Key, up: Key) -> None:
         axes.figure.colorbar(mesh, ax=axes)
     for key, axis in ((across, axes.xaxis), (up, axes.yaxis)):
         every = -(-len(key.levels) // 8)
-        texts = key.levels if key.numbers is None else [plain_number(v) for v in key.numbers]
-        axis.set_ticks(np.arange(0, len(texts), every) + 0.5, texts[::every], parse_math=False)
+        words = key.levels if key.numbers is None else [plain_number(v) for v in key.numbers]
+        axis.set_ticks(np.arange(0, len(words), every) + 0.5, words[::every], parse_math=False)
         axis.set_label_text(key.label)

@@ -21,7 +21,7 @@ from crinoid.results.result import RESULT
 from crinoid.results.units import Unit, largest
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
-from crinoid.studies.statistics import SEED, student_factor
+from crinoid.studies.design import SEED
 
 CaseNumbers = Float[np.ndarray, " case"]
 
@@ -259,37 +259,3 @@ def key_of(name: str, texts: list[str]) -> Key:
         levels, numbers = [levels[index] for index in order], numbers[order]
     place = {text: index for index, text in enumerate(levels)}
     return Key(name, texts, levels, np.array([place[text] for text in texts]), numbers)
-
-
-@dataclass(frozen=True)
-class Means:
-    """A measure at each level of a key, or in each cell of two."""
-
-    mean: Float[np.ndarray, " place"]
-    half: Float[np.ndarray, " place"]
-    """Half the width of the interval of 95 % of the mean; NaN of fewer than two cases."""
-    low: Float[np.ndarray, " place"]
-    """Quantile of 5 %; NaN where fewer than ``QUANTILE_CASES`` cases are known."""
-    high: Float[np.ndarray, " place"]
-
-
-QUANTILE_CASES = 5
-_QUANTILES = (0.05, 0.95)
-
-
-def means_of(values: CaseNumbers, place: Int[np.ndarray, " case"], places: int) -> Means:
-    """Return the mean and quantiles of the known values at each place."""
-    known = np.isfinite(values)
-    count = np.bincount(place[known], minlength=places)
-    total = np.bincount(place[known], values[known], minlength=places)
-    mean = np.divide(total, count, out=np.full(places, np.nan), where=count > 0)
-    spread = np.bincount(place[known], (values - mean[place])[known] ** 2, minlength=places)
-    factor = np.array([student_factor(n) if n > 1 else np.nan for n in count.tolist()])
-    half = factor * np.sqrt(spread / np.maximum(count - 1, 1) / np.maximum(count, 1))
-    low, high = np.full(places, np.nan), np.full(places, np.nan)
-    order = np.argsort(place[known], kind="stable")
-    sorted_values, ends = values[known][order], np.cumsum(count)
-    for index in np.flatnonzero(count >= QUANTILE_CASES):
-        some = sorted_values[ends[index] - count[index] : ends[index]]
-        low[index], high[index] = np.quantile(some, _QUANTILES)
-    return Means(mean, half, low, high)

@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 from bokeh import models
 from bokeh.document import Document
+from jaxtyping import Float, Int
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from crinoid.results.measure_labels import plain_number
-from crinoid.view.figures.study import Key, Study, StudyMeasure, gridded, means_of
+from crinoid.studies.statistics import grouped, means_of
+from crinoid.view.figures.study import CaseNumbers, Key, Study, StudyMeasure, gridded
 from crinoid.view.page.plots import empty_plot
 
 _FEW = 200  # cells that have room for their number
 _CROWD = 300  # number of cases above which their points are small
 _ROOM = 0.06  # margin beyond the outermost points, as a share of an axis
+_BAND, BAND_CASES = (0.05, 0.95), 5  # quantiles around a line, and the fewest cases for them
 _WORDS = 14  # most labelled levels along an axis
 
 
@@ -53,7 +56,7 @@ def _cells(study: Study, across: Key, up: Key) -> models.Plot:
     columns: dict[str, Any] = {"x": cells // tall, "y": cells % tall}
     for measure in study.measures:
         known, factor = means_of(measure.values, place, wide * tall), measure.unit.factor
-        columns[measure.name] = known.mean[cells] * factor
+        columns[measure.name] = known.value[cells] * factor
         if cells.size < place.size:
             columns[f"{measure.name} half"] = known.half[cells] * factor
     source = _source(columns)
@@ -71,9 +74,9 @@ def _lines(study: Study, key: Key) -> models.Plot:
     x = np.arange(len(key.levels)) if key.numbers is None else key.numbers
     columns: dict[str, Any] = {"x": x.astype(float)}
     for measure in study.measures:
-        found = means_of(measure.values, key.level, len(key.levels))
-        for part, values in (("", found.mean), (" low", found.low), (" high", found.high)):
-            columns[f"{measure.name}{part}"] = values * measure.unit.factor
+        at, factor = (measure.values, key.level, len(key.levels)), measure.unit.factor
+        parts = zip(("", " low", " high"), (means_of(*at).value, *bands_of(*at)), strict=True)
+        columns |= {f"{measure.name}{part}": values * factor for part, values in parts}
     source = _source(columns, bands=True)
     band = models.VArea(x="x", y1="low", y2="high", fill_alpha=0.16)
     plot.add_glyph(source, band, name="band")
@@ -85,6 +88,17 @@ def _lines(study: Study, key: Key) -> models.Plot:
     points.fill_alpha = 0.75
     plot.add_glyph(_source({"x": key.values}), points, name="points")
     return plot
+
+
+def bands_of(
+    values: CaseNumbers, place: Int[np.ndarray, " case"], places: int
+) -> Float[np.ndarray, "2 place"]:
+    """Return the quantiles of 5 and 95 % at each place; NaN where few cases are known."""
+    ends = np.full((2, places), np.nan)
+    for some, rows in grouped(values, place, places):
+        if rows.shape[1] >= BAND_CASES:
+            ends[:, some] = np.quantile(rows, _BAND, axis=1)
+    return ends
 
 
 def _source(columns: dict[str, Any], *, bands: bool = False) -> models.ColumnDataSource:
