@@ -110,8 +110,15 @@ class Plots:
         return self._panel(drive_chart, "base_moment", ax)
 
     def loads(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot the spectral densities of force and moment on the base: two panels."""
-        return self._chart(load_chart, ax)
+        """Plot the spectral densities of force and moment on the base: two panels.
+
+        Raises
+        ------
+        ValueError
+            If neither has one, as the run is short or they do not change.
+        """
+        nothing = "the loads on the base have no spectrum: they do not change, or too few instants"
+        return self._chart(load_chart, ax, nothing=f"{nothing} are saved. Make the run longer.")
 
     def vehicle(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot shifts and turns of a floating submarine, and its thrusters: two or four panels.

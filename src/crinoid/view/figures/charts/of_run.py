@@ -38,8 +38,8 @@ CHARTS = (
 
 
 def charts_of(run: Result) -> Iterator[tuple[str, Chart]]:
-    """Yield the charts of a run with the names of their figures, without those of nothing."""
+    """Yield the charts of a run with the names of their figures."""
     for figure, draw in CHARTS:
         chart = draw(run)
-        if chart is not None and any(not panel.nothing for panel in chart.panels):
+        if chart is not None:
             yield figure, chart

@@ -60,8 +60,8 @@ def spectrum_panel(run: Result) -> Panel:
     return _panel(run, panel, miss, length_unit, word, "the tip does not move")
 
 
-def load_chart(run: Result) -> Chart:
-    """Return the spectral densities of force and moment on the base."""
+def load_chart(run: Result) -> Chart | None:
+    """Return the spectral densities of force and moment on the base; None if neither has one."""
     base, panels = base_word(run.known_scenario), []
     for name, word, unit in (("base_force", "force", "N"), ("base_moment", "moment", "N m")):
 
@@ -75,7 +75,9 @@ def load_chart(run: Result) -> Chart:
         panel = Panel(f"{name}_spectrum", f"density of the\n{word} on {base}", tall=2.6)
         panels.append(_panel(run, panel, load, unit_of, word, f"the {word} does not change"))
     ends = [panel.over for panel in panels if panel.over]
-    over = (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
+    if not ends:
+        return None
+    over = min(low for low, _ in ends), max(high for _, high in ends)
     aligned = (replace(panel, over=panel.over and over) for panel in panels)
     return Chart("loads", f"Loads on the {base} over frequency (Hz)", tuple(aligned))
 
