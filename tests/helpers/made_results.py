@@ -108,6 +108,15 @@ def with_obstacles(
     return run.assign({name: quantity(name, value, dimension) for name, value in found.items()})
 
 
+PID = """[base.channels.slide]
+[control]
+kind = "pid"
+[control.pid.slide]
+kp = 1.0
+"""
+"""Tables of a controller, which a log of ROS needs for commands."""
+
+
 def of_runs(data: xr.Dataset, other: xr.Dataset | None = None) -> Result:
     """Return the result of a run, and of one without control."""
     return Result(data, uncontrolled=None if other is None else Result(other))

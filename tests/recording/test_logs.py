@@ -17,6 +17,7 @@ from crinoid.recording.series import read_series
 from crinoid.recording.units import length_factor
 from crinoid.scenario import Scenario
 from crinoid.view.export import write_export
+from helpers.made_results import PID
 from helpers.planar_result import swaying_arm
 from helpers.refusals import mistake
 from helpers.spatial_result import curling_arm
@@ -82,7 +83,7 @@ def bag(path, messages, *, types=TWO, **options):
 @pytest.mark.parametrize("axes", RUNS)
 def test_the_log_of_a_run_is_a_record_of_it(axes, tmp_path):
     data = RUNS[axes](records=21, duration=2.0, nodes=5)
-    tables = data.attrs["scenario"] + "[simulation]\ntime_step = 0.05\n"
+    tables = data.attrs["scenario"] + PID + "[simulation]\ntime_step = 0.05\n"
     path = save(data.assign_attrs(scenario=tables), tmp_path / "result.nc")
     log = write_export(path, tmp_path, "mcap").files[0]
     names = data["channel"].values.tolist()

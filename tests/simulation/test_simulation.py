@@ -11,11 +11,11 @@ from scipy.sparse.linalg import ArpackNoConvergence
 
 import crinoid
 from crinoid.assembly.control_loop import build_sensors
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.results.dataset import Instants, build_dataset
 from crinoid.results.result import Result, ResultError
 from crinoid.scenario import ScenarioError
-from crinoid.simulation import LoopState, SimulationError, at_rest, play
+from crinoid.simulation import LoopState, SimulationError, play
 from crinoid.simulation import run as running
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import resume_state

@@ -13,6 +13,7 @@ from crinoid.results.scene.data import in_space
 from crinoid.results.scene.scene import build_scene
 from crinoid.view.export import write_export
 from helpers.command import refused, succeeded
+from helpers.made_results import PID
 from helpers.planar_result import swaying_arm
 from helpers.spatial_result import among_obstacles, curling_arm
 from helpers.studies import save
@@ -22,7 +23,6 @@ mcap = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not 
 
 SMALL = {"records": 5, "duration": 2.0, "nodes": 7}
 STEP = "[simulation]\ntime_step = 0.1\n"
-PID = '[base.channels.slide]\n[control]\nkind = "pid"\n[control.pid.slide]\nkp = 1.0\n'
 TOOL = "[tool]\nmass = 0.2\nvolume = 5e-5\noffset = 0.03\n"
 RUNS = {
     "planar": lambda: swaying_arm(**SMALL, moving_target=True),
