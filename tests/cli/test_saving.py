@@ -20,12 +20,14 @@ import xarray as xr
 
 from crinoid.cli import study
 from crinoid.cli.finding import finding, write_page
+from crinoid.cli.folder import _APART
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.results.result import Result, attributes
 from crinoid.results.stream import open_lazily
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.view.figures import write_report
+from crinoid.view.figures.book import _FINDINGS
 from crinoid.view.page.parts import PAGE, save_page
 from helpers.command import call, one_line, refused, succeeded
 from helpers.made_results import Player, case_rows, made_result
@@ -695,3 +697,7 @@ def test_a_result_keeps_the_pair_of_runs_together(here):
     with pytest.raises((TypeError, ValueError, OSError), match=r"object|dtype"):
         pair.save(here / "out")
     assert contents(here / "out") == before
+
+
+def test_files_of_findings_are_those_that_are_drawn_and_kept_apart():
+    assert set(_APART) == set(_FINDINGS)

@@ -9,6 +9,7 @@ from crinoid.foundation.result_variables import quantity
 from crinoid.results.errors import settling_time, tip_error
 from crinoid.results.extremes import Gumbel
 from crinoid.results.loads import bending_cycles
+from crinoid.results.measure_labels import plain_unit
 from crinoid.results.metrics import MEASURES, smooth_measure
 from crinoid.results.result import Result
 from crinoid.results.smooth import SeenMotion
@@ -264,3 +265,8 @@ def test_measures_with_derivatives_are_those_of_the_result(dimension):
     found = {name: float(smooth_measure(MEASURES[name].smooth)(seen)) for name in names}
     assert len(found) == 9
     assert found == pytest.approx({name: measure(name, run) for name in names}, abs=1e-11)
+
+
+def test_units_are_shown_without_negative_powers():
+    shown = {"1": "", "m": "m", "m-1": "1/m", "m s-1": "m/s", "N m": "N m", "J kg-1 s-1": "J/kg/s"}
+    assert {unit: plain_unit(unit) for unit in shown} == shown

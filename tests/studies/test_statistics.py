@@ -80,7 +80,7 @@ def test_means_are_over_the_seeds_of_each_combination():
     assert [found[0][end] for end in ("runs", "mean", "low", "high")] == [
         *(11, first.value[0], first.low[0], first.high[0]),
     ]
-    assert found[0]["extreme"] == ""
+    assert found[0]["extreme"] is None
     expected = Gumbel(numbers["max_error"][12:24]).return_level(100)
     assert (found[3]["extreme"], found[3]["extreme_low"], found[3]["extreme_high"]) == expected
     row = found[3]

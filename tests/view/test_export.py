@@ -520,3 +520,16 @@ def test_only_gltf_needs_its_library(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pygltflib", None)
     for kind in ("csv", "vtkhdf"):
         succeeded("export", tmp_path, "--to", kind)
+
+
+def test_a_writer_that_leaves_its_file_empty_is_an_error(tmp_path, monkeypatch):
+    path = save(swaying_arm(records=2, nodes=3), tmp_path / "result.nc")
+
+    def write(source, files, report):
+        files[0].touch()
+        return []
+
+    monkeypatch.setattr("crinoid.view.export.table.write_csv", write)
+    with pytest.raises(OSError, match="left a file empty"):
+        write_export(path, tmp_path / "out", "csv")
+    assert not list(tmp_path.glob("out/*"))

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from crinoid.results.result import Result
+from crinoid.results.scene.data import find_obstacles
+from crinoid.scenario import ScenarioError
 from crinoid.view.figures import ReportError, write_report
 from helpers.command import assert_refused, refused
 from helpers.planar_result import OBSTACLES, among_obstacles, swaying_arm
@@ -22,6 +25,7 @@ def described(old, new):
     return among_obstacles(records=5).assign_attrs(scenario=OBSTACLES.replace(old, new))
 
 
+SOLID = 'kind="mesh", position=[0.3, -9.9], file="rock.stl"'
 LATE = {"time": np.array([0.0, 5.0, 10.0, np.nan, np.nan])}
 FOREIGN = xr.Dataset({"temperature": ("time", [1.0])}, coords={"time": [0.0]})
 UNDESCRIBED = "does not describe its obstacles"
@@ -45,6 +49,22 @@ SPOILED = [
     ("case,age\n1,34\n", "cases.csv: not the table of a study, with case, keys, measures"),
     (",".join(study_row(1)) + "\n", "has no case"),
 ]
+
+
+def test_a_scenario_with_an_unknown_key_is_read_without_it():
+    result = Result(described("radius=0.03", "radius=0.03, of_another_version=3"))
+    kinds = [each.kind for each in result.scene.members[0].obstacles]
+    assert kinds == ["sphere", "cylinder", "cylinder", "capsule", "plane"]
+    (words,) = result.left_out
+    assert "obstacle.0.of_another_version: unknown key" in words
+    with pytest.raises(ScenarioError, match="of_another_version"):
+        _ = result.scenario
+
+
+def test_a_solid_without_its_surface_is_refused():
+    data = described('kind="sphere", position=[0.3, -9.9], radius=0.03, mass=0.1', SOLID)
+    with pytest.raises(ValueError, match="the result has no surface of it"):
+        find_obstacles(Result(data))
 
 
 def report_refused(folder, words):

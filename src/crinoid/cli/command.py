@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -82,15 +82,6 @@ def one_line_errors(
     except (Interrupted, KeyboardInterrupt):
         errors.print(f"crinoid: {interrupted}")
         raise typer.Exit(INTERRUPTED) from None
-
-
-def at_least(least: int, options: Mapping[str, int | None]) -> None:
-    """Refuse options that are given and less than a number."""
-    from crinoid.scenario.errors import got, refusal
-
-    for name, value in options.items():
-        if value is not None and value < least:
-            raise refusal(name, got(value, f"be at least {least}"))
 
 
 def complete_name(start: str) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from crinoid.cli.command import at_least, folder_for, load_scenario
+from crinoid.cli.command import folder_for, load_scenario
 from crinoid.cli.interruption import Loading
 from crinoid.scenario.errors import got, refusal
 from crinoid.view.export import write_export
@@ -23,7 +23,6 @@ def export_result(
     force: bool,
 ) -> None:
     """Export a result or a policy, and report omissions."""
-    at_least(1, {"--instants": instants})
     form = format_for(kind, {"--variables": variables, "--nodes": nodes, "--instants": instants})
     if out is not None and out.exists() and not out.is_dir():
         raise refusal("--out", f"{out} is a file; must be a folder")

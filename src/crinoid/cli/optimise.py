@@ -19,6 +19,7 @@ from crinoid.inverse import OPTIMISATION
 from crinoid.inverse.goal import Goal
 from crinoid.inverse.optimisation import Optimisation
 from crinoid.inverse.ranges import Ranges
+from crinoid.results.measure_labels import plain_unit
 from crinoid.results.summary import SUMMARY_JSON
 from crinoid.scenario import ScenarioText, counted
 
@@ -86,7 +87,8 @@ def optimisation_table(search: Optimisation) -> Table:
     assert search.given is not None
     assert search.best is not None
     before, after = search.given, search.best.found
-    unit = [f" ({each.unit})" if each.unit != "1" else "" for each in search.goal.measures]
+    units = (plain_unit(each.unit) for each in search.goal.measures)
+    unit = [f" ({each})" if each else "" for each in units]
     rows.append((f"{search.goal.names[0]}{unit[0]}", _mean(before[0]), _mean(after[0])))
     for number, limit in enumerate(search.goal.limits, start=1):
         worst = (f"{max(limit.sign * x[number]) * limit.sign:.4g}" for x in (before, after))

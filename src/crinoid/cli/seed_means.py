@@ -132,7 +132,7 @@ def _key_heads(keys: list[str]) -> list[str]:
 
 
 def _over_seeds(found: pd.DataFrame) -> str:
-    least, most = found["runs"].min(), found["runs"].max()
+    least, most = int(found["runs"].min()), int(found["runs"].max())
     seeds = counted(most, "seed") if least == most else f"{least} to {most} seeds"
     return f", mean and 95 % interval over {seeds}" if most > 1 else ""
 

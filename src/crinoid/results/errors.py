@@ -52,7 +52,7 @@ def judged_at(time: Float[np.ndarray, " time"], scenario: Scenario) -> Instants:
     return np.asarray(time >= scenario.judged_from - _ROUND)
 
 
-def counted(result: Result) -> Instants:
+def judged_or_all(result: Result) -> Instants:
     """Return the instants that count in a chart: those judged, or all of a run that ended before.
 
     A scenario that this version cannot read judges all.

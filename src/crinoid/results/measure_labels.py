@@ -10,7 +10,6 @@ from crinoid.results.metrics import MEASURES, own_words
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
 
 _PREFIXED = ("s", "N", "N m", "J")
-_PLAIN = {"1": "", "m-1": "1/m", "s-1": "1/s"}
 _MAIN = (
     *("rms_error", "p95_error", "max_error", "within_tolerance", "steady_error"),
     *("rms_error_uncontrolled", "rms_angle_error", "max_angle_error", "settling_time", "work"),
@@ -27,6 +26,13 @@ def plain_number(value: float) -> str:
     raised = power_of_ten(int(power))
     factor = f"{float(digits):g}"
     return raised if factor == "1" else f"{factor} \N{MULTIPLICATION SIGN} {raised}"
+
+
+def plain_unit(unit: str) -> str:
+    """Return a unit as tables show it: ``m/s`` for ``m s-1``, nothing for ``1``."""
+    over = [part for part in unit.split() if part != "1" and not part.endswith("-1")]
+    under = [part.removesuffix("-1") for part in unit.split() if part.endswith("-1")]
+    return "/".join([" ".join(over) or "1" * bool(under), *under])
 
 
 def label_of(name: str) -> str:
@@ -53,7 +59,7 @@ def unit_of(about: Mapping[str, Any], magnitude: float) -> Unit:
         return DEGREES
     if unit == "1" and str(about.get("long_name")).startswith("share"):
         return Unit(100.0, "%")
-    return si_unit(magnitude, unit) if unit in _PREFIXED else Unit(1.0, _PLAIN.get(unit, unit))
+    return si_unit(magnitude, unit) if unit in _PREFIXED else Unit(1.0, plain_unit(unit))
 
 
 def unit_for(values: xr.DataArray) -> Unit:

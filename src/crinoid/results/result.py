@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
-from functools import cached_property, lru_cache
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +17,7 @@ from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
+from crinoid.results.readable import readable
 from crinoid.results.stream import (
     check_size,
     is_stream,
@@ -26,7 +26,7 @@ from crinoid.results.stream import (
     remove_checkpoints,
 )
 from crinoid.results.writing import CHECKPOINT, write_result
-from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario import Scenario
 from crinoid.scenario.errors import counted
 
 if TYPE_CHECKING:
@@ -48,9 +48,6 @@ _MOTION = ("position", "velocity", "acceleration")
 """Variables without which a file is no result, and those that a scenario may leave out."""
 
 Tree = TypeVar("Tree")
-
-
-_read_scenario = lru_cache(maxsize=8)(Scenario.from_toml)
 
 
 class ResultError(ValueError):
@@ -93,6 +90,7 @@ class Result:
         self.uncontrolled = uncontrolled
         self.shapeless = 0
         """Saved instants of both that its data leave out, as the arm has no shape to draw."""
+        self._scene: tuple[xr.Dataset, Result | None, Scene] | None = None
 
     @property
     def status(self) -> str:
@@ -130,14 +128,23 @@ class Result:
     @property
     def scenario(self) -> Scenario:
         """The scenario that was run."""
-        return _read_scenario(str(self.dataset.attrs["scenario"]))
+        text = str(self.dataset.attrs["scenario"])
+        scenario, reason = readable(text)
+        return scenario if scenario is not None and not reason else Scenario.from_toml(text)
+
+    @property
+    def readable(self) -> tuple[Scenario | None, str]:
+        """The scenario without what this version does not know, None where it cannot read it.
+
+        With it the reason why it is not the whole; empty if it is.
+        """
+        text = self.dataset.attrs.get("scenario")
+        return (None, "its file has none") if text is None else readable(str(text))
 
     @property
     def known_scenario(self) -> Scenario:
-        """The scenario that was run; one of defaults where this version cannot read it."""
-        with suppress(KeyError, ScenarioError):
-            return self.scenario
-        return Scenario()
+        """What this version can read of the scenario, to draw its result; else one of defaults."""
+        return self.readable[0] or Scenario()
 
     @property
     def title(self) -> str:
@@ -153,19 +160,31 @@ class Result:
 
     @property
     def left_out(self) -> list[str]:
-        """Sentences on the saved instants that its data leave out."""
+        """Sentences on what is not drawn: saved instants, and parts of a scenario."""
+        reason = self.readable[1]
+        lost = f"The scenario cannot be read as a whole ({reason}): what only it tells is left out."
         if not self.shapeless:
-            return []
+            return [lost] if reason else []
         verb, many = ("are", "these") if self.shapeless > 1 else ("is", "it")
         count = counted(self.shapeless, "saved instant")
-        return [f"{count} {verb} left out: at {many} the arm has no shape to draw."]
+        gone = f"{count} {verb} left out: at {many} the arm has no shape to draw."
+        return [gone, lost] if reason else [gone]
 
-    @cached_property
+    @property
     def scene(self) -> Scene:
-        """The scene of both runs in three dimensions, at all instants and nodes."""
+        """The scene of both runs in three dimensions, at all instants and nodes.
+
+        A `ResultError` says that the result has no positions.
+        """
         from crinoid.results.scene.scene import build_scene
 
-        return build_scene(self)
+        if "position" not in self.dataset:
+            raise ResultError("the result has no position: output.variables leaves it out")
+        of, both, _ = self._scene or (None, None, None)
+        if of is not self.dataset or both is not self.uncontrolled:
+            self._scene = self.dataset, self.uncontrolled, build_scene(self)
+        assert self._scene is not None
+        return self._scene[2]
 
     @property
     def plot(self) -> Any:
@@ -315,7 +334,8 @@ def _read(path: Path, lazily: bool) -> Result:
         if name not in dataset.variables or dataset[name].dims != (name,):
             raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {name}")
     result = Result(dataset, checkpoint)
-    chosen = "scenario" in dataset.attrs and result.known_scenario.output.variables
+    scenario, _ = result.readable
+    chosen = scenario is not None and scenario.output.variables
     for name in (*_REQUIRED, *(() if chosen else _MOTION)):
         if name not in dataset.variables:
             raise ResultError(f"{path}: not a result of crinoid, it has no {name}")

@@ -131,8 +131,8 @@ def seed_means(
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table for a file; unknown numbers are empty."""
-    return table.astype(object).where(table.notna(), "").to_dict("records")
+    """Return the rows of a table for a file; unknown numbers are None."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
 def _mean_table(

@@ -1,4 +1,4 @@
-"""Views of a result: scene, figures, page, film, export, live, notebook.
+"""Views of a result: figures, page, film, export, live, notebook.
 
 May import ``studies`` and ``inverse`` and lower folders.
 """

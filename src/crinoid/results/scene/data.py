@@ -162,7 +162,8 @@ class Obstacle:
         if isinstance(described, Plane):
             x, *y, z = described.out
             return Obstacle(name, kind, 0.0, still, np.array([x, *(y or [0.0]), z]), path)
-        assert isinstance(described, Sphere | Cylinder | Capsule)
+        if not isinstance(described, Sphere | Cylinder | Capsule):
+            raise ValueError(f"obstacle {name} is a solid, and the result has no surface of it")
         if isinstance(described, Sphere):
             return Obstacle(name, kind, described.radius, still, nowhere, path)
         half = described.length / 2 if isinstance(described, Capsule) else ENDLESS
@@ -219,7 +220,7 @@ def find_obstacles(result: Result) -> list[Obstacle]:
     if "obstacle_position" not in data:
         return []
     paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)
-    described = result.scenario.obstacle
+    described = result.known_scenario.obstacle
     axes: list[np.ndarray | None] = [None] * len(described)
     if "obstacle_axis" in data:
         axes = list(np.moveaxis(in_space(data, "obstacle_axis"), 1, 0))
@@ -240,6 +241,6 @@ def check_obstacles(result: Result, path: object) -> None:
     try:
         find_obstacles(result)
     except (LookupError, ValueError) as error:
-        reason = str(error).partition("\n")[0]
-        text = f"its scenario does not describe its obstacles ({type(error).__name__}: {reason})"
+        reason = result.readable[1] or str(error).partition("\n")[0]
+        text = f"its scenario does not describe its obstacles ({reason})"
         raise ReportError(f"{path}: not a crinoid result, {text}") from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from crinoid.foundation.axes import CHANNEL_TABLE
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.mesh import Rotations, unit_vectors
-from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario import Scenario
 
 if TYPE_CHECKING:
     from crinoid.results.result import Result
@@ -61,9 +60,7 @@ def find_mount(result: Result) -> ArmMount:
                 ends = (data[f"channel_{end}"].sel(channel=name) for end in ("lower", "upper"))
                 low, high = map(float, ends)
                 travel[name] = low, high
-    scenario = None
-    with suppress(KeyError, ScenarioError):  # else the arm tells how it leaves the base
-        scenario = result.scenario
+    scenario, _ = result.readable  # without one the arm tells how it leaves the base
     return mount_of(scenario, in_space(data.isel(node=[0, 1]), "position"), poses, travel)
 
 

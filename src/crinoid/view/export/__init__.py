@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crinoid.foundation.atomic_file import FilePath, atomic_write
+from crinoid.results.report_error import ReportError
 from crinoid.view.export.formats import format_for, writer_of
 
 __all__ = ["Written", "write_export"]
@@ -65,12 +66,17 @@ def write_export(
     """
     options = {"--variables": variables, "--nodes": nodes, "--instants": instants}
     form = format_for(to, options)
+    if form.accepts == "scenario":
+        raise ReportError(f"--to: {to} is of a scenario. Use crinoid.view.export.fmu.write_fmu.")
     write = writer_of(form)
     from crinoid.view.export.source import open_source
 
     source = open_source(Path(path), form, instants, variables, nodes)
     files = [Path(folder) / f"{source.path.stem}{ending}" for ending in form.endings]
+    Path(folder).mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         temporary = [stack.enter_context(atomic_write(file)) for file in files]
         notes = write(source, temporary, report)
+        if not all(file.exists() and file.stat().st_size for file in temporary):
+            raise RuntimeError(f"{form.writer} left a file empty: it must write to the given names")
     return Written(files, [*source.notes, *notes])

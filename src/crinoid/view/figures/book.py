@@ -51,10 +51,6 @@ def _of_run(chart: Chart, run: Result) -> Figure:
     return draw_chart(chart, run.dataset, run.title)
 
 
-def _found(chart: Callable[[xr.Dataset], Chart]) -> Callable[[xr.Dataset], Figure]:
-    return lambda data: draw_chart(found := chart(data), data, found.title)
-
-
 _FIGURES: dict[str, Callable[[Result], Figure]] = {
     "shape": draw_shape,
     "tip_path": draw_close_up,
@@ -67,11 +63,11 @@ _AT_REST = ("shape", "bending")
 
 
 class _Finding(NamedTuple):
-    """The file of a finding: required variables, and figures."""
+    """The file of a finding: its kind in words, required variables, and figures."""
 
     kind: str
     required: Mapping[str, tuple[str, ...]]  # variables and their dimensions
-    figures: Mapping[str, Callable[[xr.Dataset], Figure]]
+    figures: Mapping[str, Callable[[xr.Dataset], Figure | Chart]]
 
 
 _FINDINGS = {
@@ -83,7 +79,7 @@ _FINDINGS = {
             **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
         },
         {
-            "flow.png": _found(series_chart),
+            "flow.png": series_chart,
             "spectrum.png": draw_spectrum,
             "profile.png": draw_profile,
         },
@@ -164,7 +160,7 @@ _FINDINGS = {
             **dict.fromkeys(("innovation", "innovation_std"), ("time", "reading")),
             "sensor_reading": ("time", "reading"),
         },
-        {"log_estimate.png": _found(log_chart)},
+        {"log_estimate.png": log_chart},
     ),
     OPTIMISATION: _Finding(
         "an optimisation",
@@ -234,10 +230,14 @@ def _write_run(path: Path, out: Path, form: str) -> list[Path]:
 def _write_finding(path: Path, out: Path, form: str) -> list[Path]:
     finding = _FINDINGS[path.name]
     data = load_as(path, finding.kind, finding.required)
-    figures = finding.figures.items()
+
+    def drawn(draw: Callable[[xr.Dataset], Figure | Chart]) -> Figure:
+        found = draw(data)
+        return draw_chart(found, data, found.title) if isinstance(found, Chart) else found
+
     return [
-        _save(lambda draw=draw: draw(data), (out / name).with_suffix(f".{form}"), path)
-        for name, draw in figures
+        _save(partial(drawn, draw), (out / name).with_suffix(f".{form}"), path)
+        for name, draw in finding.figures.items()
     ]
 
 

@@ -62,6 +62,7 @@ def instant(run: Keyframes, time: float) -> Keyframes:
     bodies = [(each, at(each.path), at(each.half_axis)) for each in run.obstacles]
     return replace(
         run,
+        at=run.at[[record]],
         time=np.array([time]),
         position=at(run.position),
         target=at(run.target),

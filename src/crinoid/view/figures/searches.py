@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
+from crinoid.results.measure_labels import plain_unit
 from crinoid.view.figures.style import BLUE, GREY, INK, SERIES, VERMILLION, WIDTH, head_of, key
 
 _COLUMNS = 3
@@ -102,8 +103,8 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
         some = shown[column][np.isfinite(shown[column]) & (shown[column] > 0)]
         if some.size and some.max() > 10 * some.min():
             axes.set_yscale("log")
-        unit = str(data["unit"].values[column])
-        axes.set_title(names[column] + (f" ({unit})" if unit != "1" else ""), loc="left")
+        unit = plain_unit(str(data["unit"].values[column]))
+        axes.set_title(names[column] + (f" ({unit})" if unit else ""), loc="left")
     words = "colours: starts; filled: limits are kept; dotted: initial; dashed: best; red: limit"
     figure.supxlabel(words, fontsize=8.5, color=GREY)
     return figure

@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from crinoid.results.errors import counted
+from crinoid.results.errors import judged_or_all
 from crinoid.results.result import Result
 from crinoid.results.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
 from crinoid.results.scene.mesh import AROUND, arm_facets
@@ -239,7 +239,7 @@ def draw_close_up(run: Result) -> Figure:
                 window = Rectangle((corner, corner), wide, wide, fill=False, edgecolor=style.INK)
                 window.set(zorder=4, label="window with control")
                 axes.add_patch(window)
-        rms = float(np.sqrt(np.nanmean(np.sum(off[counted(each)] ** 2, axis=1))))
+        rms = float(np.sqrt(np.nanmean(np.sum(off[judged_or_all(each)] ** 2, axis=1))))
         words = f"{label}: RMS" if label else "RMS"
         some[0].set_title(f"{words} {length_unit(half).text(rms)}", loc="left")
     style.time_bar(figure, run.dataset, ax=panels, label="time (s)", aspect=25)

@@ -8,7 +8,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.numerics.signals_and_systems import spectrum
-from crinoid.results.errors import counted, error_word
+from crinoid.results.errors import error_word, judged_or_all
 from crinoid.results.result import Result
 from crinoid.results.scene.data import base_word, in_space
 from crinoid.results.scene.mount import Path
@@ -91,7 +91,7 @@ def _panel(
     still: str,
 ) -> Panel:
     """Return a panel with the densities of a quantity, with and without control."""
-    judged = [each.dataset.isel(time=counted(each)) for _, each in run.members]
+    judged = [each.dataset.isel(time=judged_or_all(each)) for _, each in run.members]
     found = [fluctuation_spectrum(data["time"].values, values(data)) for data in judged]
     known = [each for each in found if each is not None]
     top = largest(*(density for _, density in known))

@@ -8,7 +8,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import AXES
-from crinoid.results.errors import angle_between, counted, error_word, short_way
+from crinoid.results.errors import angle_between, error_word, judged_or_all, short_way
 from crinoid.results.result import Result
 from crinoid.results.scene.scene import CALM
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
@@ -44,7 +44,7 @@ def _error(run: Result) -> chart.Panel:
     # the run without control is drawn behind, as the reference
     for (label, each), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
         data, values = each.dataset, each.dataset["tip_error"].values
-        judged = values[counted(each)]
+        judged = values[judged_or_all(each)]
         mean = chart.rms(judged)
         summary = f"RMS {unit.text(mean)} (dashed), maximum {unit.text(largest(judged))}"
         if tolerance is not None:
@@ -95,7 +95,7 @@ def _off_direction(run: Result) -> chart.Panel:
     for (label, each), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
         data, off = each.dataset, off_direction(each.dataset)
         if off is not None:
-            judged = off[counted(each)]
+            judged = off[judged_or_all(each)]
             most = DEGREES.text(largest(judged))
             summary = f"RMS {DEGREES.text(chart.rms(judged))}, maximum {most}"
             behind = role == "free"
