@@ -20,7 +20,7 @@ _OF_LIMITS = (
 
 
 class AtLimit(NamedTuple):
-    """Share of the controlled time that an input spends at each of its limits."""
+    """Share of the controlled time, from 0 to 1, that an input spends at each of its limits."""
 
     range: float
     speed: float

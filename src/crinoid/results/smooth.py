@@ -19,7 +19,11 @@ Number = Float[Array, ""]
 
 
 class SeenMotion(eqx.Module):
-    """Quantities of the saved instants of a run, for measures."""
+    """Quantities of the saved instants of a run, for measures.
+
+    Time (s), pose of the tip and its error (`crinoid.foundation.axes.POSE`; m, rad or 1), force and
+    moment of the arm on its base (N, N m), and pressures of the chambers (Pa).
+    """
 
     time: Float[Array, "*time"]
     tip: Float[Array, "*time pose"]

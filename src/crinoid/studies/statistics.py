@@ -36,7 +36,7 @@ def _student_factor(count: int) -> float:
 
 
 class Means(NamedTuple):
-    """Means at some places, with their intervals of 95 % confidence (Student's t)."""
+    """Means at some places, with their intervals of 95 % confidence (Student's t), in SI units."""
 
     value: Float[np.ndarray, " place"]
     low: Float[np.ndarray, " place"]
