@@ -174,7 +174,10 @@ class Result:
     def scene(self) -> Scene:
         """The scene of both runs in three dimensions, at all instants and nodes.
 
-        A `ResultError` says that the result has no positions.
+        Raises
+        ------
+        ResultError
+            If the result has no positions.
         """
         from crinoid.results.scene.scene import build_scene
 
