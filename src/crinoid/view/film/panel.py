@@ -36,7 +36,7 @@ _GHOST = 0.45  # share of the run's colour in that of a ghost
 _TRAIL, _WAY = 250, 400  # pieces of the paths of tip and target
 _TURN = np.linspace(0.0, 2 * np.pi, 33)
 
-Strokes = tuple[list[Float[np.ndarray, "point 2"]], Float[np.ndarray, "line 4"]]
+Strokes = tuple[list[Float[np.ndarray, "_ 2"]], Float[np.ndarray, "_ 4"]]
 """Lines on paper and their colours."""
 
 
