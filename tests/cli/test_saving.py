@@ -23,7 +23,8 @@ from crinoid.cli.finding import finding, write_page
 from crinoid.cli.folder import _APART
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
-from crinoid.results.result import Result, attributes
+from crinoid.results.result import Result
+from crinoid.results.result_file import attributes
 from crinoid.results.stream import open_lazily
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.view.figures import write_report

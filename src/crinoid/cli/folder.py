@@ -22,7 +22,8 @@ from crinoid.foundation.status import Status
 from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES
 from crinoid.results.own_files import FIGURES, is_own
-from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result, attributes
+from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result
+from crinoid.results.result_file import attributes
 from crinoid.results.stream import is_stream, open_lazily, remove_checkpoints
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Scenario, ScenarioError, refusal

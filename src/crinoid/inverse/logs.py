@@ -19,7 +19,8 @@ from crinoid.recording.readers import read_dataset
 from crinoid.recording.series import Series, read_series
 from crinoid.recording.texts import listed
 from crinoid.recording.units import angle_factor, length_factor
-from crinoid.results.result import RESULT, Result, ResultError, attributes
+from crinoid.results.result import RESULT, Result, ResultError
+from crinoid.results.result_file import attributes
 from crinoid.scenario import Mistake, ScenarioError, refusal
 from crinoid.scenario.sensor import Sampling
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from crinoid.foundation.result_variables import VARIABLES
 from crinoid.results.metrics import header_of, is_table
-from crinoid.results.result import attributes
+from crinoid.results.result_file import attributes
 from crinoid.results.summary import HEAD
 
 MADE = "made by crinoid"

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
 import jax.numpy as jnp
-import netCDF4
 import numpy as np
 import xarray as xr
 
@@ -18,6 +17,7 @@ from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.readable import readable
+from crinoid.results.result_file import CHECKPOINT, attributes, named_leaves, write_result
 from crinoid.results.stream import (
     check_size,
     is_stream,
@@ -25,7 +25,6 @@ from crinoid.results.stream import (
     read_checkpoint,
     remove_checkpoints,
 )
-from crinoid.results.writing import CHECKPOINT, write_result
 from crinoid.scenario import Scenario
 from crinoid.scenario.errors import counted
 
@@ -160,15 +159,17 @@ class Result:
 
     @property
     def left_out(self) -> list[str]:
-        """Sentences on what is not drawn: saved instants, and parts of a scenario."""
-        reason = self.readable[1]
-        lost = f"The scenario cannot be read as a whole ({reason}): what only it tells is left out."
-        if not self.shapeless:
-            return [lost] if reason else []
-        verb, many = ("are", "these") if self.shapeless > 1 else ("is", "it")
-        count = counted(self.shapeless, "saved instant")
-        gone = f"{count} {verb} left out: at {many} the arm has no shape to draw."
-        return [gone, lost] if reason else [gone]
+        """Notes on saved instants and parts of the scenario that are not drawn."""
+        notes, reason = [], self.readable[1]
+        if self.shapeless:
+            verb, many = ("are", "these") if self.shapeless > 1 else ("is", "it")
+            count = counted(self.shapeless, "saved instant")
+            notes.append(f"{count} {verb} left out: at {many} the arm has no shape to draw.")
+        if reason:
+            notes.append(
+                f"This version cannot read the whole scenario, and ignores keys: {reason}."
+            )
+        return notes
 
     @property
     def scene(self) -> Scene:
@@ -297,24 +298,6 @@ class Result:
         if (folder / UNCONTROLLED).exists():
             result.uncontrolled = _read(folder / UNCONTROLLED, lazily)
         return result
-
-
-def named_leaves(tree: Any) -> dict[str, np.ndarray]:
-    """Return the arrays of a tree by their path in it, such as ``state.motion.position``."""
-    return {
-        jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf)
-        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
-    }
-
-
-def attributes(path: Path) -> dict[str, Any]:
-    """Return the attributes of a file that crinoid wrote; none of any other, or of no file."""
-    try:
-        with netCDF4.Dataset(path) as file:
-            found = {name: file.getncattr(name) for name in file.ncattrs()}
-    except (OSError, RuntimeError, ValueError):
-        return {}
-    return found if "crinoid_version" in found else {}
 
 
 def _read(path: Path, lazily: bool) -> Result:

@@ -30,7 +30,8 @@ from crinoid.foundation.status import Status
 from crinoid.results.dataset import Instants, build_dataset, describe, solids
 from crinoid.results.dimensionless import dimensionless, with_velocity_moments
 from crinoid.results.record import Record, signals
-from crinoid.results.result import UNFINISHED, Result, named_leaves
+from crinoid.results.result import UNFINISHED, Result
+from crinoid.results.result_file import named_leaves
 from crinoid.scenario import Scenario, counted
 from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import Setup

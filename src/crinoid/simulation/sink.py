@@ -20,9 +20,8 @@ from crinoid.results.result import (
     UNFINISHED,
     Result,
     ResultError,
-    attributes,
-    named_leaves,
 )
+from crinoid.results.result_file import attributes, named_leaves
 from crinoid.results.stream import Stream
 from crinoid.scenario import Mistake, Scenario, ScenarioError, counted
 from crinoid.simulation.loop import LoopState

@@ -60,7 +60,7 @@ def find_mount(result: Result) -> ArmMount:
                 ends = (data[f"channel_{end}"].sel(channel=name) for end in ("lower", "upper"))
                 low, high = map(float, ends)
                 travel[name] = low, high
-    scenario, _ = result.readable  # without one the arm tells how it leaves the base
+    scenario, _ = result.readable  # without one the base points along the first edge
     return mount_of(scenario, in_space(data.isel(node=[0, 1]), "position"), poses, travel)
 
 

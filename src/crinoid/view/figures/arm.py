@@ -52,7 +52,7 @@ def draw_arm(
     shapes = view.paper(run.position)
     if chosen is None:
         chosen = chosen_records(len(shapes))
-    else:  # but for instants that cannot be drawn
+    else:  # the scene omits instants that are not finite
         chosen = np.flatnonzero(np.isin(run.at, chosen))
 
     draw_obstacles(axes, run, chosen, low, high, view)

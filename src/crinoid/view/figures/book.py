@@ -56,7 +56,7 @@ _FIGURES: dict[str, Callable[[Result], Figure]] = {
     "tip_path": draw_close_up,
     "bending": draw_bending,
 }
-"""Figures of a run by their names, beside those of its charts."""
+"""Figures of a run that are no charts, by name."""
 
 _SPACE = {"shape": draw_sheet}  # figures that differ for an arm in space
 _AT_REST = ("shape", "bending")

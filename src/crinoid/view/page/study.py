@@ -17,7 +17,7 @@ from crinoid.results.metrics import MEASURES, Measure, measures_of
 from crinoid.results.own_files import is_own
 from crinoid.results.reading import checked_result, with_shapes
 from crinoid.results.report_error import ReportError
-from crinoid.results.result import attributes
+from crinoid.results.result_file import attributes
 from crinoid.results.scene.data import even_indices, in_space, is_spatial
 from crinoid.results.scene.projection import OBLIQUE, SIDE
 from crinoid.scenario import Scenario, ScenarioError

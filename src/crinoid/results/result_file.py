@@ -1,8 +1,10 @@
-"""Writing of the file of a result: its data in pieces, and the arrays of its last state."""
+"""The file of a result: its attributes, its data in pieces, and the arrays of its last state."""
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import jax
 import netCDF4
 import numpy as np
 import xarray as xr
@@ -13,6 +15,24 @@ from crinoid.results.chunks import piece_length, pieces
 
 CHECKPOINT = "checkpoint"
 """Group of the file with the last state."""
+
+
+def named_leaves(tree: Any) -> dict[str, np.ndarray]:
+    """Return the arrays of a tree by their path in it, such as ``state.motion.position``."""
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf)
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+    }
+
+
+def attributes(path: Path) -> dict[str, Any]:
+    """Return the attributes of a file that crinoid wrote; none of any other, or of no file."""
+    try:
+        with netCDF4.Dataset(path) as file:
+            found = {name: file.getncattr(name) for name in file.ncattrs()}
+    except (OSError, RuntimeError, ValueError):
+        return {}
+    return found if "crinoid_version" in found else {}
 
 
 def write_result(whole: xr.Dataset, checkpoint: Mapping[str, np.ndarray], path: Path) -> None:
