@@ -99,7 +99,7 @@ COMMANDS = (
         Option("--first-seed", 0, "The first one of them.",
             check=must("be at least 0", lambda seed: seed >= 0)),
         _SET, out("results/SCENARIO-compare"), _FORCE),
-    Command("tune", "crinoid.cli.inverse:tune_controller",
+    Command("tune", "crinoid.cli.tune:tune_controller",
         "Tune a PID, LQG or MPC by gradient, over several seeds: each number by up to 1000 times.",
         _TEXT,
         Option("--seeds", 4, "Number of seeds that it is tuned for.", check=_POSITIVE),

@@ -1,11 +1,12 @@
 """Optimisation of the numbers of a scenario: progress, the new scenario, a table."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import xarray as xr
 from rich.table import Table
 
 from crinoid.cli.command import FAILED, MISSED
@@ -23,6 +24,9 @@ from crinoid.results.measure_labels import plain_unit
 from crinoid.results.summary import SUMMARY_JSON
 from crinoid.scenario import ScenarioText, counted
 
+More = tuple[list[tuple[str, ...]], list[str]]
+S = TypeVar("S", bound=Optimisation)
+
 
 def optimise_numbers(
     text: ScenarioText,
@@ -36,26 +40,58 @@ def optimise_numbers(
     force: bool,
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
-    scenario, measure = text.scenario, goal.names[0]
+
+    def search() -> Optimisation:
+        return Optimisation(text.scenario, ranges, goal, seeds, trials, rest=rest)
+
+    names = SearchNames("an optimisation", OPTIMISATION, "optimise", "optimised")
+    return search_and_save(text, folder, names, search, force=force)
+
+
+class SearchNames(NamedTuple):
+    """Names of a search."""
+
+    subject: str
+    """In messages."""
+    file: str
+    """Of its course."""
+    command: str
+    found: str
+    """Of the new scenario."""
+
+
+def search_and_save(
+    text: ScenarioText,
+    folder: Path,
+    names: SearchNames,
+    new: Callable[[], S],
+    more: Callable[[S, xr.Dataset], More] = lambda *_: ([], []),
+    *,
+    force: bool,
+) -> tuple[str, int]:
+    """Search, save and draw what was found, and sum it up; return what went wrong, and the code.
+
+    ``more`` returns further rows of the table, and notes.
+    """
     with (
-        finding(scenario, folder / OPTIMISATION, "an optimisation", force=force) as found,
+        finding(text.scenario, folder / names.file, names.subject, force=force) as found,
         Interruption() as interruption,
     ):
         if not force:
             check_own(folder / SUMMARY_JSON)
-        search = Optimisation(scenario, ranges, goal, seeds, trials, rest=rest)
-        interruption.has_some = lambda: search.best is not None
-        with progress_bar() as bar:
+        with progress_bar() as bar, solvable():
             (task,) = bar.task_ids
+            search = new()
+            measure = search.goal.names[0]
+            interruption.has_some = lambda: search.best is not None
 
             def report(done: int, total: int, least: float) -> None:
                 best = f"{measure} {least:.4g}" if np.isfinite(least) else "limits not kept yet"
                 reached = f"{done} of at most {total} trials, {best}" if done else ""
-                words = "optimising" if done else "compiling"
+                words = "searching" if done else "compiling"
                 bar.update(task, total=total, completed=done, description=words, reached=reached)
 
-            with solvable():
-                search.run(report, interruption.stop)
+            search.run(report, interruption.stop)
         stopped = interruption.stop()
         if search.best is None:
             return f"no trial could be run: {search.runs.failure or search.why}", FAILED
@@ -66,20 +102,24 @@ def optimise_numbers(
             status = f"{Status.INTERRUPTED} {words}"
         elif missed:
             status = f"no trial keeps all limits: {'; '.join(missed)}"
-        new = text.with_values(search.numbers(), f"numbers by `crinoid optimise`, for {measure}")
+        words = f"numbers by `crinoid {names.command}`, for {measure}"
         summary = _summary(search, status)
-        shown = json.dumps(summary, indent=1, allow_nan=False)
-        texts = {"optimised.toml": new, SUMMARY_JSON: shown}
-        files = found.save(search.dataset(status), texts)
+        texts = {
+            f"{names.found}.toml": text.with_values(search.numbers(), words),
+            SUMMARY_JSON: json.dumps(summary, indent=1, allow_nan=False),
+        }
+        data = search.dataset(status)
+        files = found.save(data, texts)
         notes = [f"a search without gradients: {search.why}"] if search.why else []
         if ends := ", ".join(summary["at_end"]):
             notes.append(f"at an end of its range: {ends}. A wider range may give a better value")
-        show(optimisation_table(search), notes, files)
+        rows, others = more(search, data)
+        show(optimisation_table(search, rows), [*notes, *others], files)
     return ("", 0) if status == Status.OK.value else (status, MISSED)
 
 
-def optimisation_table(search: Optimisation) -> Table:
-    """Return the numbers and the measures, before and after."""
+def optimisation_table(search: Optimisation, more: Sequence[Sequence[str]] = ()) -> Table:
+    """Return the numbers and the measures, before and after, and other rows."""
     rows: list[Sequence[str]] = [
         (key, f"{given:.4g}", f"{best:.6g}")
         for (key, best), given in zip(search.numbers().items(), search.ranges.given, strict=True)
@@ -94,7 +134,10 @@ def optimisation_table(search: Optimisation) -> Table:
         worst = (f"{max(limit.sign * x[number]) * limit.sign:.4g}" for x in (before, after))
         rows.append((f"{limit}{unit[number]}", *worst))
     title = f"{search.scenario.title} ({search.method})"
-    return new_table(title, ("", "before", "after"), rows)
+    heads = ("", "before", "after", "without\ncontrol")
+    rows += more
+    count = max(map(len, rows))
+    return new_table(title, heads[:count], [(*row, *[""] * (count - len(row))) for row in rows])
 
 
 def _mean(values: np.ndarray) -> str:

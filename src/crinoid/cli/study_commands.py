@@ -50,7 +50,7 @@ def identify(
 
     unknowns = Unknowns(text.scenario, keys)
     with Loading():
-        from crinoid.cli.inverse import identify_numbers
+        from crinoid.cli.identify import identify_numbers
 
     return identify_numbers(text, record, unknowns, folder, force=force)
 

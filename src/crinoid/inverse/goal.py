@@ -11,13 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.results.metrics import measures_of
+from crinoid.results.metrics import Measure, measures_of
 from crinoid.scenario import Mistake, Scenario, ScenarioError, got, refusal
 from crinoid.scenario.document import value_of
 
 _LIMIT = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
 _INSIDE = 1e-4
 """Relative distance from a limit that a search by gradients keeps, for errors of its last step."""
+_MARGIN = Measure("1", "margin", "modulus margin that the loop keeps", lambda _: None)
+"""Measure of a loop, not of a run (`crinoid.inverse.stability`)."""
 
 
 Found = Float[np.ndarray, "*draw"] | np.float64
@@ -48,24 +50,31 @@ class Limit(NamedTuple):
 class Goal:
     """A measure to make least, and limits written ``MEASURE<VALUE`` or ``MEASURE>VALUE``.
 
+    The last limit is that of the stability margin, where a ``margin`` is required.
+
     Raises
     ------
     ScenarioError
         If there is no such measure, or a limit is none.
     """
 
-    def __init__(self, scenario: Scenario, measure: str, keep: Sequence[str]) -> None:
+    def __init__(
+        self, scenario: Scenario, measure: str, keep: Sequence[str], margin: float = 0.0
+    ) -> None:
         known = measures_of(scenario)
         self.limits = [_read(text) for text in keep]
         for option, name in (("--for", measure), *(("--keep", x.measure) for x in self.limits)):
             if name not in known:
                 near = ", ".join(get_close_matches(name, known, 3) or known)
                 raise ScenarioError([Mistake(option, got(name, f"be a measure, such as {near}"))])
+        runs = [known[name] for name in (measure, *(limit.measure for limit in self.limits))]
+        self.smooth = tuple(each.smooth for each in runs)
+        """Functions with derivatives of the measures of a run; empty for one without."""
+        if margin:
+            self.limits.append(Limit("margin", -1, margin))
         self.names = (measure, *(limit.measure for limit in self.limits))
         """The measure, and those of the limits."""
-        self.measures = [known[name] for name in self.names]
-        self.smooth = tuple(measure.smooth for measure in self.measures)
-        """Their functions with derivatives; empty for one without."""
+        self.measures = [*runs, _MARGIN] if margin else runs
 
     def violation(self, found: Float[np.ndarray, "*point measure draw"]) -> np.ndarray:
         """Return the largest relative violation of a limit in a draw, 0 where all are kept."""
@@ -85,8 +94,8 @@ class Goal:
     def excess(
         self, found: Float[np.ndarray, "measure draw"], slopes: Float[np.ndarray, "measure draw k"]
     ) -> tuple[Float[np.ndarray, " limit"], Float[np.ndarray, "limit k"]]:
-        """Return the violations in each draw for a search by gradients, and their derivatives."""
-        pairs = list(enumerate(self.limits, start=1))
+        """Return the violations in each draw of a run, and their derivatives, for a search."""
+        pairs = list(enumerate(self.limits[: len(slopes) - 1], start=1))
         excess = [limit.excess(found[k]) + _INSIDE for k, limit in pairs]
         gradient = [limit.sign / limit.size * slopes[k] for k, limit in pairs]
         keys = slopes.shape[-1]

@@ -16,10 +16,11 @@ from scipy.stats import qmc
 
 from crinoid.analysis.curve import require_effect_at_rest
 from crinoid.inverse import StoppedError
-from crinoid.inverse.constrained_search import SearchTrial, constrain
 from crinoid.inverse.goal import Goal
+from crinoid.inverse.gradient_search import GradientSearch
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
+from crinoid.inverse.stability import StabilityMargin
 from crinoid.inverse.threads import results
 from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import describe, described
@@ -27,6 +28,8 @@ from crinoid.scenario import Scenario, ScenarioError, refusal
 
 __all__ = ["Optimisation"]
 
+STEP = 0.2
+"""First step of a search by gradients."""
 STARTS = 4
 """Number of starts of a search by gradients: the given values, and points that fill the ranges."""
 _LOOK = 1e-3
@@ -35,8 +38,6 @@ _VALUE, _SLOPE = 0.01, 0.2
 """Largest relative difference of a measure, and of its gradient, from those of runs."""
 _ZERO = 1e-10
 """Measure (SI units) that is round-off."""
-_ENOUGH = 1e-6
-"""Change of the measure at which a search by gradients ends, over the measure at the start."""
 _POPULATION = 16
 """Number of points of a generation in a search without gradients."""
 _FINALISTS = 6
@@ -64,18 +65,31 @@ class Optimisation:
     a population of points evolves without gradients (differential evolution, Storn and Price
     1997). The best trials are then run as `crinoid.simulate` does, with rounded numbers.
 
-    There are ``seeds`` draws, with seeds from that of the scenario on, and at most about ``trials``
-    points. With ``rest`` the measures are those of the equilibrium at t = 0.
+    There are ``seeds`` draws, with seeds from that of the scenario on, or one if all are equal,
+    and at most about ``trials`` points. With ``rest`` the measures are those of the equilibrium at
+    t = 0. Where a stability ``margin`` is required, each start first moves to the nearest point
+    with the margin, which needs no run, and unstable loops are not run.
     """
 
+    step, logarithm = STEP, False
+    """First step of a search by gradients, and whether it minimises the logarithm."""
+
     def __init__(
-        self, scenario: Scenario, ranges: Ranges, goal: Goal, seeds: int, trials: int, *, rest: bool
+        self,
+        scenario: Scenario,
+        ranges: Ranges,
+        goal: Goal,
+        seeds: int,
+        trials: int,
+        *,
+        rest: bool,
+        margin: StabilityMargin | None = None,
     ) -> None:
         if rest:
             require_effect_at_rest("--over", ranges.keys)
         self.scenario, self.ranges, self.goal, self.rest = scenario, ranges, goal, rest
         self.seeds = [scenario.seed + number for number in range(seeds)]
-        self.total = trials
+        self.total, self.margin = trials, margin
         self.trials: list[Trial] = []
         self.best: Trial | None = None
         """Best trial so far; at the end the best one of the real runs."""
@@ -83,8 +97,13 @@ class Optimisation:
         """Measures with the given values."""
         self.why = ""
         """Why no gradients are used; empty if they are."""
-        self._loops: list[SmoothLoop] = []
-        self.runs = TrialRuns(goal, self.seeds, self._stop, rest=rest)
+        self.starts: list[Point] = [ranges.start]
+        if STARTS > 1:
+            sampler = qmc.Sobol(len(ranges.keys), rng=scenario.seed)
+            self.starts += list(sampler.random(STARTS)[1:])
+        self.runs = TrialRuns(goal, self.seeds, self._stop, rest=rest, margin=margin)
+        self.random = True
+        """Whether draws differ, as far as is known."""
         self._poll: Callable[[], None] = lambda: None
         self._lock, self._stopped = threading.Lock(), threading.Event()
 
@@ -124,51 +143,61 @@ class Optimisation:
     def _look(self) -> bool:
         """Run with the given values, and choose the search; return whether they can be run."""
         (self.given,) = self.runs([self.scenario])
-        if self.runs.failure:
+        if not self.runs.failure:
+            self.given = self._look_at(self.given)
+        elif self.margin is None:
             return False
-        for option, name, values in zip(
-            ("--for", *["--keep"] * len(self.goal.limits)), self.goal.names, self.given, strict=True
-        ):
-            if not np.isfinite(values).all():
-                raise refusal(option, f"{name} is not a number in this run. Name another measure.")
-        start = self.ranges.start
-        if np.allclose([*self.ranges.values(start).values()], self.ranges.given):
-            self._keep(Trial(start, 0, self.given))  # what an early interruption saves
         if self.scenario.control.kind != "none" and self.scenario.control.compare:
             self.runs.settings["control.compare"] = False
             (alone,) = self.runs([self.scenario])
-            if not np.array_equal(alone, self.given):  # a measure needs the run without control
-                del self.runs.settings["control.compare"]
-        pairs = zip(self.goal.names, self.goal.measures, strict=True)
-        without = [name for name, measure in pairs if not measure.smooth]
+            if not np.array_equal(alone[:, : len(self.seeds)], self.given, equal_nan=True):
+                del self.runs.settings["control.compare"]  # a measure needs it
+        without = [
+            name for name, form in zip(self.goal.names, self.goal.smooth, strict=False) if not form
+        ]
         if without:
             self.why = f"{', '.join(dict.fromkeys(without))}: no derivatives"
         else:
-            self.why = self._check_gradients()
+            scale = None if self.logarithm else abs(float(self.given[0].mean())) or 1.0
+            self.why = self._check_gradients(scale)
         return True
 
-    def _check_gradients(self) -> str:
-        """Return how gradients differ from differences of runs at the given values, if they do."""
+    def _look_at(self, given: Found) -> Found:
+        """Check and keep the measures with the given values; return those of different draws."""
+        options = ("--for", *["--keep"] * len(self.goal.limits))
+        for option, name, values in zip(options, self.goal.names, given, strict=True):
+            if not np.isfinite(values).all():
+                raise refusal(option, f"{name} is not a number in this run. Name another measure.")
+        if len(self.seeds) > 1 and np.ptp(given, axis=1).max() == 0:
+            self.random, given = False, given[:, :1]
+            del self.seeds[1:]
         start = self.ranges.start
-        # inwards, as a range may end where a number has no meaning
-        steps = np.where(start > 0.5, -_LOOK, _LOOK)
-        points = [start, *(start + step for step in np.diag(steps))]
-        scenarios = [self._scenario(point) for point in points]
-        runs = self.runs(scenarios, self.seeds[:1])[..., 0]
-        slopes = (runs[1:] - runs[0]).T / steps
-        if self._stop():  # the derivatives need long to compile
-            raise StoppedError
+        if np.allclose([*self.ranges.values(start).values()], self.ranges.given):
+            self._keep(Trial(start, 0, given))  # what an early interruption saves
+        return given
+
+    def _check_gradients(self, scale: float | None) -> str:
+        """Return how gradients differ from differences of runs at the first start, if they do."""
         try:
-            self._loops = [
-                SmoothLoop(self.scenario, self.ranges, seed, rest=self.rest) for seed in self.seeds
-            ]
-            values, gradient = self._loops[0].measures(start, self.goal.smooth)
+            loop = SmoothLoop(self.scenario, self.ranges, self.seeds, rest=self.rest)
+            self._search = GradientSearch(
+                loop, self.goal, self.margin, self._stop, scale, self.step
+            )
+            self.starts[0] = start = self._search.begin(self.starts[0])
+            # inwards, as a range may end where a number has no meaning
+            steps = np.where(start > 0.5, -_LOOK, _LOOK)
+            scenarios = [self._scenario(start + step) for step in (0.0 * steps, *np.diag(steps))]
+            runs = self.runs(scenarios, self.seeds[:1])[..., 0]
+            slopes = (runs[1:] - runs[0]).T / steps
+            if self._stop():  # the derivatives need long to compile
+                raise StoppedError
+            values, gradient = loop.measures(start, self.goal.smooth)
         except StructureError as error:
             return str(error)
         except (ScenarioError, RuntimeError) as error:
             return " ".join(str(error).split())
         for name, value, row, run, differences in zip(
-            self.goal.names, values, gradient, runs[0], slopes, strict=True
+            self.goal.names, values[:, 0], gradient[:, 0], runs[0], slopes, strict=False
         ):
             if not abs(value - run) <= _VALUE * abs(run) + _ZERO:
                 return f"{name} is {run:.4g} in a run and {value:.4g} where it has derivatives"
@@ -178,50 +207,21 @@ class Optimisation:
         return ""
 
     def _by_gradients(self) -> None:
-        starts = [self.ranges.start]
-        if STARTS > 1:
-            sampler = qmc.Sobol(len(self.ranges.keys), rng=self.scenario.seed)
-            starts += list(sampler.random(STARTS)[1:])
-        assert self.given is not None
-        scale = float(abs(self.given[0].mean())) or 1.0
+        trials = max(1, self.total // STARTS)
+
+        def descend(number: int) -> None:
+            def keep(point: Point, found: Found) -> None:
+                self._keep(Trial(point, number, found))
+
+            self._search.descend(self.starts[number], trials, keep)
+
         with ThreadPoolExecutor(STARTS) as pool:
             try:
-                results(
-                    [pool.submit(self._descend, *each, scale) for each in enumerate(starts)],
-                    self._poll,
-                )
+                results([pool.submit(descend, number) for number in range(STARTS)], self._poll)
             except BaseException:
                 self._stopped.set()
                 raise
-
-    def _descend(self, number: int, start: Point, scale: float) -> None:
-        """Improve one start by gradients."""
-        left = max(1, self.total // STARTS)
-        none = np.zeros(start.size)
-
-        def attempt(point: Point) -> SearchTrial:
-            nonlocal left
-            if self._stopped.is_set():
-                raise StoppedError
-            if left == 0:
-                raise StopIteration
-            left -= 1
-            count = len(self.goal.limits) * len(self.seeds)
-            failed = SearchTrial(np.nan, none, np.zeros(count), np.zeros((count, none.size)))
-            point = np.clip(point, 0.0, 1.0)
-            try:
-                pairs = [each.measures(point, self.goal.smooth) for each in self._loops]
-            except (StructureError, ScenarioError, RuntimeError):
-                return failed
-            found, slopes = (np.stack(each, axis=1) for each in zip(*pairs, strict=True))
-            self._keep(Trial(point, number, found))
-            if not (np.isfinite(found).all() and np.isfinite(slopes).all()):
-                return failed
-            value, gradient = found[0].mean() / scale, slopes[0].mean(axis=0) / scale
-            return SearchTrial(float(value), gradient, *self.goal.excess(found, slopes))
-
-        with suppress(StopIteration):
-            constrain(attempt, start, [(0.0, 1.0)] * start.size, _ENOUGH)
+        self.runs.failure = self.runs.failure or self._search.failure
 
     def _without_gradients(self) -> None:
         keys, generation = len(self.ranges.keys), 0

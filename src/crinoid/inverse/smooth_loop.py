@@ -1,7 +1,9 @@
-"""Closed loop of one draw as a smooth function of numbers of its scenario."""
+"""Closed loop of some draws as a smooth function of numbers of its scenario."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,6 +19,7 @@ from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.compilation import SOMETIMES, compiled
 from crinoid.control import pose_error
 from crinoid.inverse.ranges import Point, Ranges
+from crinoid.results.effort import CostWeights
 from crinoid.results.errors import judged_at
 from crinoid.results.metrics import smooth_measure
 from crinoid.results.smooth import SeenMotion
@@ -29,6 +32,11 @@ _STEP = 1e-4
 """Step of a coordinate in the differences of arrays."""
 _ALIKE = 1e-7
 """Relative difference of equal arrays: that of equilibria found from different starts."""
+_FEW = 3
+"""Keys for each measure up to which forward mode is faster: it costs half a run for each key,
+reverse mode two runs for each measure."""
+_KEPT = 64
+"""Number of points whose loops are kept."""
 
 
 Numbers = tuple[Parameters | Loop, Float[Array, " thread"]]
@@ -46,37 +54,52 @@ class SeenInstants(NamedTuple):
     """Index of the first saved instant from which errors count."""
     equilibrium: bool
     """Whether the arm starts in equilibrium."""
+    weights: CostWeights
+    """Weights of errors and inputs in the cost of a controller."""
 
 
-def _see(loop: Loop, pressures: Float[Array, " thread"], judged: int, now: LoopState) -> SeenMotion:
+def _see(
+    loop: Loop, pressures: Float[Array, " thread"], instants: SeenInstants, now: LoopState
+) -> SeenMotion:
     state, system = now.state, loop.system
     time, tip = state.time, system.tip(state)
     drive = drives(system.actuators, state.actuators)
     shares = jnp.zeros(0) if drive is None else drive[: pressures.shape[0]]
     error = pose_error(loop.target(time), tip)
-    moment = jnp.atleast_1d(state.base_moment)
-    return SeenMotion(time, tip, error, state.base_force, moment, pressures * shares, judged)
+    force, moment = state.base_force, jnp.atleast_1d(state.base_moment)
+    judged, weights = instants.judged, instants.weights
+    return SeenMotion(
+        time, tip, error, force, moment, pressures * shares, now.command, judged, weights
+    )
 
 
 @compiled(**SOMETIMES)
 def measures(
-    loop: Loop, numbers: Numbers, tangents: Any, forms: tuple[str, ...], instants: SeenInstants
+    loop: Loop,
+    numbers: Numbers,
+    tangents: Any,
+    forms: tuple[str, ...],
+    instants: SeenInstants,
+    *,
+    reverse: bool,
 ) -> tuple[Float[Array, " measure"], Float[Array, "measure key"]]:
     """Return measures of a run, or of an equilibrium, and their derivatives.
 
     ``forms`` are the functions of the measures (`crinoid.results.metrics.Measure.smooth`),
     ``tangents`` the derivatives of ``numbers`` by each key, with the keys as first axis and
-    None for constant leaves. All results are NaN where a time step failed or there is no
-    equilibrium.
+    None for constant leaves. The mode is forward or ``reverse``. All results are NaN where a time
+    step failed or there is no equilibrium.
     """
     varying, constant = eqx.partition(numbers, eqx.is_inexact_array)
+    keys = jax.tree.leaves(tangents)[0].shape[0]
 
-    def of(varying: Any) -> tuple[Array, Array]:
-        first, pressures = eqx.combine(varying, constant)
+    def of(step: Array) -> tuple[Array, Array]:
+        moved = jax.tree.map(lambda x, slope: x + jnp.tensordot(step, slope, 1), varying, tangents)
+        first, pressures = eqx.combine(moved, constant)
         changed = first if isinstance(first, Loop) else with_parameters(loop, first)
 
         def see(loop: Loop, now: LoopState) -> SeenMotion:
-            return _see(loop, pressures, instants.judged, now)
+            return _see(loop, pressures, instants, now)
 
         state, outcome = find_state.function(changed.system, instants.equilibrium)
         seen = jax.tree.map(lambda x: x[None], see(changed, changed.start(state)))
@@ -92,11 +115,8 @@ def measures(
         values = jnp.where(converged, 1.0, jnp.nan) * jnp.stack(found)
         return values, values
 
-    def along(tangent: Any) -> tuple[Array, Array, Array]:
-        return jax.jvp(of, (varying,), (tangent,), has_aux=True)
-
-    # the run itself is computed once for all directions
-    _, slopes, values = jax.vmap(along, out_axes=(None, 1, None))(tangents)
+    derivative = jax.jacrev if reverse else jax.jacfwd
+    slopes, values = derivative(of, has_aux=True)(jnp.zeros(keys))
     return values, slopes
 
 
@@ -104,18 +124,35 @@ class StructureError(ValueError):
     """A key changes the structure of the loop, so there are no derivatives."""
 
 
+class Neighbours(NamedTuple):
+    """Loop of the first draw at a point, and at points a step away along each coordinate."""
+
+    loop: Loop
+    pairs: list[tuple[Loop, Loop]]
+    widths: Float[np.ndarray, " key"]
+    """Distances between the loops of each pair."""
+
+    def slopes(self, value: Callable[[Loop], float]) -> Float[np.ndarray, " key"]:
+        """Return the derivatives of a function of the loop."""
+        found = ((value(one) - value(other)) for one, other in self.pairs)
+        return np.array([*found]) / self.widths
+
+
 class SmoothLoop:
-    """Closed loop of one draw, or its equilibrium, with derivatives of measures.
+    """Closed loop of some draws, or its equilibrium, with derivatives of measures.
 
     The derivatives of the loop's arrays by the keys are central differences, which need no run;
     those of the measures by the arrays go through every time step. Where a key acts on the
-    scenario's numbers alone (`crinoid.with_parameters`), the loop is not designed again.
+    scenario's numbers alone (`crinoid.with_parameters`), the loop is not designed again; where it
+    acts on the controller alone, all draws have that of the first one.
     """
 
-    def __init__(self, scenario: Scenario, ranges: Ranges, seed: int, *, rest: bool) -> None:
-        self._ranges, self._rest, self._seed = ranges, rest, {"seed": seed}
-        self._prepared = self._at(scenario)
-        self._loop = set_up(self._prepared, notes=False).loop
+    def __init__(
+        self, scenario: Scenario, ranges: Ranges, seeds: Sequence[int], *, rest: bool
+    ) -> None:
+        self._ranges, self._rest, self.seeds = ranges, rest, seeds
+        self._prepared = [self._at(scenario, seed) for seed in seeds]
+        self._loops = [set_up(each, notes=False).loop for each in self._prepared]
         simulation, stride = scenario.simulation, scenario.output_steps
         saved = scenario.output_interval * np.arange(simulation.steps // stride + 2)
         self._instants = SeenInstants(
@@ -123,15 +160,20 @@ class SmoothLoop:
             stride,
             0 if rest else int(np.argmax(judged_at(saved, scenario))),
             rest or simulation.start == "equilibrium",
+            CostWeights.of(scenario, [each.unit for each in self._loops[0].system.inputs]),
         )
+        self._design = lru_cache(_KEPT)(self._design_at)
         steps = np.diag(np.where(ranges.start > 0.5, -_STEP, _STEP))
-        self.designed = not all(self._follows(ranges.start + step) for step in steps)
+        points = [ranges.start + step for step in steps]
+        loops = [self._design(each.tobytes()) for each in points]
+        self.designed = not all(map(_same, loops, map(self._with_numbers, points)))
         """Whether another point has another design of the controller, target or sensors."""
+        self._shared = all(_same(each, self._with_controller(0, each)) for each in loops)
 
     def measures(
         self, point: Point, forms: tuple[str, ...]
-    ) -> tuple[Float[np.ndarray, " measure"], Float[np.ndarray, "measure key"]]:
-        """Return measures at a point, and their derivatives by its coordinates.
+    ) -> tuple[Float[np.ndarray, "measure draw"], Float[np.ndarray, "measure draw key"]]:
+        """Return measures at a point in each draw, and their derivatives by its coordinates.
 
         ``forms`` are their functions with a derivative (`crinoid.results.metrics.Measure.smooth`).
         NaN where a time step failed or there is no equilibrium.
@@ -143,42 +185,66 @@ class SmoothLoop:
         ScenarioError
             If the values of a point exclude each other.
         """
-        numbers, tangents = self._numbers(point), []
-        for axis in np.eye(point.size):
-            ends = [np.clip(point + sign * _STEP * axis, 0.0, 1.0) for sign in (1, -1)]
-            pair = [eqx.filter(self._numbers(end), eqx.is_inexact_array) for end in ends]
-            _require_same_structure(*pair)
-            width = float(axis @ (ends[0] - ends[1]))
-            tangents.append(jax.tree.map(lambda a, b, w=width: _slope(a, b, w), *pair))
-        tangent = jax.tree.map(lambda *each: np.stack(each), *tangents)
-        found = measures(self._loop, numbers, tangent, forms, self._instants)
-        return np.asarray(found[0]), np.asarray(found[1])
+        found, reverse = [], point.size > _FEW * len(forms)
+        for draw, loop in enumerate(self._loops):
+            tangents, numbers = [], self._numbers(point, draw)
+            for *ends, width in _ends(point):
+                pair = [eqx.filter(self._numbers(end, draw), eqx.is_inexact_array) for end in ends]
+                _require_same_structure(*pair)
+                tangents.append(jax.tree.map(lambda a, b, w=width: _slope(a, b, w), *pair))
+            tangent = jax.tree.map(lambda *each: np.stack(each), *tangents)
+            found.append(measures(loop, numbers, tangent, forms, self._instants, reverse=reverse))
+        values, slopes = (np.stack(each, axis=1) for each in zip(*found, strict=True))
+        return values, slopes
 
-    def _at(self, scenario: Scenario) -> Prepared:
-        changed = scenario.with_values(self._seed)
+    def neighbours(self, point: Point) -> Neighbours:
+        """Return the loop of the first draw at a point, and loops about it."""
+        ends = _ends(point)
+        pairs = [(self._loop(one), self._loop(other)) for one, other, _ in ends]
+        return Neighbours(self._loop(point), pairs, np.array([width for *_, width in ends]))
+
+    def _at(self, scenario: Scenario, seed: int) -> Prepared:
+        changed = scenario.with_values({"seed": seed})
         return Prepared(at_rest(changed) if self._rest else changed)
 
-    def _moved(self, point: Point) -> Prepared:
-        return self._prepared.with_scenario(self._at(self._ranges.scenario(point)).scenario)
+    def _moved(self, point: Point, draw: int = 0) -> Prepared:
+        prepared = self._prepared[draw]
+        changed = self._at(self._ranges.scenario(point), prepared.scenario.seed)
+        return prepared.with_scenario(changed.scenario)
 
-    def _numbers(self, point: Point) -> Numbers:
-        prepared = self._moved(point)
+    def _numbers(self, point: Point, draw: int) -> Numbers:
+        moved = self._moved(point, draw)
         pressures = [
-            0.0 if chamber.lined else chamber.max_pressure for chamber in prepared.scenario.chamber
+            0.0 if chamber.lined else chamber.max_pressure for chamber in moved.scenario.chamber
         ]
-        first = set_up(prepared, notes=False).loop if self.designed else prepared.parameters
+        first: Parameters | Loop = moved.parameters
+        if self.designed and draw and not self._shared:
+            first = set_up(moved, notes=False).loop
+        elif self.designed:
+            design = self._design(point.tobytes())
+            first = self._with_controller(draw, design) if draw else design
         return first, jnp.asarray(np.array(pressures))
 
-    def _follows(self, point: Point) -> bool:
-        """Return whether the loop at a point is that of its numbers."""
-        prepared = self._moved(point)
-        pair = set_up(prepared, notes=False).loop, with_parameters(self._loop, prepared.parameters)
-        one, other = (eqx.filter(each, eqx.is_inexact_array) for each in pair)
-        try:
-            _require_same_structure(one, other)
-        except StructureError:
-            return False
-        return all(jax.tree.leaves(jax.tree.map(_alike, one, other)))
+    def _loop(self, point: Point) -> Loop:
+        return self._design(point.tobytes()) if self.designed else self._with_numbers(point)
+
+    def _design_at(self, point: bytes) -> Loop:
+        return set_up(self._moved(np.frombuffer(point)), notes=False).loop
+
+    def _with_numbers(self, point: Point) -> Loop:
+        return with_parameters(self._loops[0], self._moved(point).parameters)
+
+    def _with_controller(self, draw: int, other: Loop) -> Loop:
+        return eqx.tree_at(lambda x: x.controller, self._loops[draw], other.controller)
+
+
+def _ends(point: Point) -> list[tuple[Point, Point, float]]:
+    """Return two points about a point along each coordinate, in the ranges, and their distance."""
+    found = []
+    for axis in np.eye(point.size):
+        one, other = (np.clip(point + sign * _STEP * axis, 0.0, 1.0) for sign in (1, -1))
+        found.append((one, other, float(axis @ (one - other))))
+    return found
 
 
 def _require_same_structure(one: Any, other: Any) -> None:
@@ -188,6 +254,16 @@ def _require_same_structure(one: Any, other: Any) -> None:
     ]
     if forms[0] != forms[1]:
         raise StructureError("a key changes the structure of the loop")
+
+
+def _same(one: Loop, other: Loop) -> bool:
+    """Return whether two loops have the same structure and the same numbers."""
+    pair = [eqx.filter(each, eqx.is_inexact_array) for each in (one, other)]
+    try:
+        _require_same_structure(*pair)
+    except StructureError:
+        return False
+    return all(jax.tree.leaves(jax.tree.map(_alike, *pair)))
 
 
 def _alike(one: Array, other: Array) -> bool:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.inverse import StoppedError
 from crinoid.inverse.goal import Goal
+from crinoid.inverse.stability import StabilityMargin
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.batch import run_batch
@@ -21,13 +22,21 @@ from crinoid.simulation.statics import settle
 class TrialRuns:
     """Measures of runs with each of several seeds, or of equilibria where they are at ``rest``.
 
-    Between them ``stop`` is asked whether to end, with a `StoppedError`.
+    Between them ``stop`` is asked whether to end, with a `StoppedError`. The last measure is the
+    ``margin`` of the loop, if there is one.
     """
 
     def __init__(
-        self, goal: Goal, seeds: Sequence[int], stop: Callable[[], bool], *, rest: bool
+        self,
+        goal: Goal,
+        seeds: Sequence[int],
+        stop: Callable[[], bool],
+        *,
+        rest: bool,
+        margin: StabilityMargin | None = None,
     ) -> None:
         self._goal, self._seeds, self._stop, self._rest = goal, seeds, stop, rest
+        self._margin = margin
         self.settings: dict[str, Any] = {"output.variables": None}  # a measure may need any
         """Values of keys that all runs have."""
         self.failure = ""
@@ -69,6 +78,10 @@ class TrialRuns:
                 found[place] = arm.taken
             else:
                 self.failure = self.failure or arm.status
+        if self._margin is not None:
+            for point, each in enumerate(scenarios):
+                if each is not None:
+                    found[point, :, -1] = self._margin.kept(self._margin.closed(each))
         return found.swapaxes(1, 2)
 
     def _measure(self, result: Result) -> list[float]:

@@ -1,15 +1,21 @@
 """Effort of a run: motion of the inputs and work, from the time that counts; thrust."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.foundation.axes import ANGLES
-from crinoid.results.errors import judged, rms
+from crinoid.foundation.axes import ANGLES, POSE
+from crinoid.results.errors import judged, rms, short_way
 from crinoid.results.result import Result
+from crinoid.scenario import Scenario
 
+EFFORT_TIME = 0.01
+"""Time constant that weighs the speed of inputs against the error of the tip (s)."""
 _AT_LIMIT = 1 - 1e-6
 """Share of the largest thrust that counts as its limit."""
 
@@ -110,6 +116,51 @@ def input_speed(result: Result) -> dict[str, float]:
     return {
         name: float(np.sqrt(np.sum(move**2 / span) / span.sum())) for name, move in found.items()
     }
+
+
+class CostWeights(NamedTuple):
+    """Weights that turn errors and inputs into metres: the arm's length for angles and shares."""
+
+    pose: tuple[float, ...]
+    """Weights of the errors of the tip's pose; 0 for coordinates that are not controlled."""
+    inputs: tuple[float, ...]
+    """Weights of the commands."""
+
+    @staticmethod
+    def of(scenario: Scenario, units: Sequence[str]) -> CostWeights:
+        """Return the weights of a scenario with inputs in some units."""
+        length, axes = scenario.arm.length, scenario.arm.dimension
+        controlled = scenario.control.controlled
+        pose = [
+            (1.0 if index < axes else length) * (name.partition("_")[0] in controlled)
+            for index, name in enumerate(POSE[axes])
+        ]
+        return CostWeights(tuple(pose), tuple(1.0 if unit == "m" else length for unit in units))
+
+
+def control_cost(result: Result) -> float | None:
+    """Return the cost of a controller (m): the root of the mean of errors and input speeds.
+
+    It is the root of ``mean |W e|^2 + tau^2 mean |L du/dt|^2`` with the error ``e`` of the
+    controlled coordinates of the tip, the commands ``u``, the time constant `EFFORT_TIME` and
+    `CostWeights`. Speeds are means between saved instants.
+    """
+    data, counted = result.dataset, judged(result)
+    if counted.sum() < 2 or not {"tip_direction_target", "tip_angle_target"} & set(data):
+        return None
+    if data.sizes["axis"] == 2:
+        turn = short_way((data["tip_angle"] - data["tip_angle_target"]).values)[:, None]
+    else:
+        turn = (data["tip_direction"] - data["tip_direction_target"]).values
+    error = np.hstack([(data["tip_position"] - data["tip_target"]).values, turn])
+    command = data["base_command"].values
+    if "actuator_command" in data:
+        command = np.hstack([command, data["actuator_command"].values])
+    weights = CostWeights.of(result.scenario, list(input_units(data).values()))
+    moves = np.diff(weights.inputs * command[counted], axis=0)
+    speeds = EFFORT_TIME * moves / np.diff(data["time"].values[counted])[:, None]
+    squares = [np.mean(np.sum(x**2, axis=1)) for x in (weights.pose * error[counted], speeds)]
+    return float(np.sqrt(sum(squares)))
 
 
 def spent_work(result: Result) -> float:

@@ -132,6 +132,9 @@ MEASURES = {
     "max_angle_error": Measure(
         "rad", "largest angle error", f"largest {_ANGLE}",
         "errors:angle_error.maximum", "smooth:max_angle_error"),
+    "control_cost": Measure(
+        "m", "control cost", "root of the squared error of what is controlled, plus effort",
+        "effort:control_cost", "smooth:control_cost"),
     "work": Measure(
         "J", "work of base and actuators",
         "work of base and actuators on the arm, returned work not counted", "effort:spent_work"),

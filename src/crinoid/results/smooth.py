@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.results.effort import EFFORT_TIME, CostWeights
 from crinoid.results.errors import steady_from
 
 _SHARPNESS = 100.0
@@ -22,7 +23,7 @@ class SeenMotion(eqx.Module):
     """Quantities of the saved instants of a run, for measures.
 
     Time (s), pose of the tip and its error (`crinoid.foundation.axes.POSE`; m, rad or 1), force and
-    moment of the arm on its base (N, N m), and pressures of the chambers (Pa).
+    moment of the arm on its base (N, N m), pressures of the chambers (Pa), and commands.
     """
 
     time: Float[Array, "*time"]
@@ -31,8 +32,11 @@ class SeenMotion(eqx.Module):
     force: Float[Array, "*time axis"]
     moment: Float[Array, "*time turn"]
     pressure: Float[Array, "*time thread"]
+    command: Float[Array, "*time input"]
     judged: int = eqx.field(static=True)
     """Index of the first saved instant from which errors count."""
+    weights: CostWeights = eqx.field(static=True)
+    """Weights of errors and inputs in the cost of a controller."""
 
     def distance(self) -> Series:
         """Return the distance of the tip from its target (m)."""
@@ -105,6 +109,15 @@ def rms_angle_error(seen: SeenMotion) -> Number:
 def max_angle_error(seen: SeenMotion) -> Number:
     """Return the largest angle between the tip and its target (rad)."""
     return _largest(seen.angle())
+
+
+def control_cost(seen: SeenMotion) -> Number:
+    """Return the cost of a controller (m), as `crinoid.results.effort.control_cost` does."""
+    error = jnp.array(seen.weights.pose) * seen.error[seen.judged :]
+    moves = jnp.diff(jnp.array(seen.weights.inputs) * seen.command[seen.judged :], axis=0)
+    speeds = EFFORT_TIME * moves / jnp.diff(seen.time[seen.judged :])[:, None]
+    squares = [jnp.mean(jnp.sum(each**2, axis=1)) for each in (error, speeds)]
+    return jnp.sqrt(sum(squares, _TINY))
 
 
 def rms_base_force(seen: SeenMotion) -> Number:

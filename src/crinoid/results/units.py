@@ -46,6 +46,11 @@ def length_unit(magnitude: float) -> Unit:
     return Unit(1e3, "mm") if magnitude >= 5e-4 or magnitude == 0.0 else Unit(1e6, "µm")
 
 
+def length_text(length: float) -> str:
+    """Write a length in SI with three digits, in the unit to read it in; "-" for none."""
+    return "-" if math.isnan(length) else length_unit(length).text(length)
+
+
 def si_unit(magnitude: float, name: str) -> Unit:
     """Choose the unit, or its thousandth, millionth or billionth, to read numbers around one."""
     if magnitude < 1e-9 or magnitude >= 0.1:  # tables write less, which is round-off, as 0

@@ -34,7 +34,6 @@ from crinoid.view.figures.searches import (
     draw_identification,
     draw_optimisation,
     draw_training,
-    draw_tuning,
 )
 from crinoid.view.figures.seed_means import draw_means, means_keys
 from crinoid.view.figures.shape import draw_bending, draw_close_up, draw_shape
@@ -70,6 +69,16 @@ class _Finding(NamedTuple):
     figures: Mapping[str, Callable[[xr.Dataset], Figure | Chart]]
 
 
+_SEARCH = {
+    "tried": ("trial", "key"),
+    "found": ("trial", "measure", "draw"),
+    "start": ("trial",),
+    "range": ("key", "end"),
+    **dict.fromkeys(("given", "best"), ("key",)),
+    **dict.fromkeys(("before", "after"), ("measure", "draw")),
+    **dict.fromkeys(("limit", "sign"), ("measure",)),
+}
+"""Variables of a search for numbers, and their axes."""
 _FINDINGS = {
     "flow.nc": _Finding(
         "a current",
@@ -134,15 +143,6 @@ _FINDINGS = {
         {f"response_{part}": ("frequency", "output", "input") for part in ("real", "imaginary")},
         {"response.png": draw_response},
     ),
-    TUNING: _Finding(
-        "a tuning",
-        {
-            **dict.fromkeys(("cost", "modulus"), ("start", "iteration")),
-            "tried": ("start", "iteration", "key"),
-            **dict.fromkeys(("given", "tuned"), ("key",)),
-        },
-        {"tune.png": draw_tuning},
-    ),
     IDENTIFICATION: _Finding(
         "an identification",
         {
@@ -162,19 +162,8 @@ _FINDINGS = {
         },
         {"log_estimate.png": log_chart},
     ),
-    OPTIMISATION: _Finding(
-        "an optimisation",
-        {
-            "tried": ("trial", "key"),
-            "found": ("trial", "measure", "draw"),
-            "start": ("trial",),
-            "range": ("key", "end"),
-            **dict.fromkeys(("given", "best"), ("key",)),
-            **dict.fromkeys(("before", "after"), ("measure", "draw")),
-            **dict.fromkeys(("limit", "sign"), ("measure",)),
-        },
-        {"optimise.png": draw_optimisation},
-    ),
+    OPTIMISATION: _Finding("an optimisation", _SEARCH, {"optimise.png": draw_optimisation}),
+    TUNING: _Finding("a tuning", _SEARCH, {"tune.png": draw_optimisation}),
     TRAINING: _Finding(
         "a training", {"cost": ("look",), "error": ("look",)}, {"training.png": draw_training}
     ),

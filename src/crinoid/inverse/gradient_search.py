@@ -1,0 +1,106 @@
+"""Search by gradients through the closed loop, within limits and with a stability margin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.inverse import StoppedError
+from crinoid.inverse.constrained_search import SearchTrial, constrain, nearest
+from crinoid.inverse.goal import Goal
+from crinoid.inverse.ranges import Point
+from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
+from crinoid.inverse.stability import StabilityMargin
+from crinoid.scenario import ScenarioError
+
+_ENOUGH = 1e-6
+"""Change of what is minimised at which a search ends."""
+
+Found = Float[np.ndarray, "measure draw"]
+_Rows = tuple[Float[np.ndarray, " row"], Float[np.ndarray, " row"], Float[np.ndarray, "row key"]]
+
+
+class GradientSearch:
+    """Improves points by gradients of the measures of a loop.
+
+    It minimises the mean of the first measure over the draws, over its ``scale``, or the logarithm
+    of its square without a scale. The first step is about ``step``. Each start moves to the nearest
+    point with the ``margin``, which needs no run; unstable loops are not run. Before each trial
+    ``stop`` is asked whether to end, with a `StoppedError`.
+    """
+
+    def __init__(
+        self,
+        loop: SmoothLoop,
+        goal: Goal,
+        margin: StabilityMargin | None,
+        stop: Callable[[], bool],
+        scale: float | None,
+        step: float,
+    ) -> None:
+        self._loop, self._goal, self._margin, self._stop = loop, goal, margin, stop
+        self._scale, self._step = scale, step
+        self.failure = ""
+        """Why a point was not run."""
+
+    def begin(self, start: Point) -> Point:
+        """Return the nearest point with the margin, or the start without a margin."""
+
+        def excess(point: Point) -> tuple[float, Point]:
+            _, (value,), (gradient,) = self._margins(point)
+            return value, gradient
+
+        return start if self._margin is None else nearest(excess, start, self._step)
+
+    def descend(self, start: Point, trials: int, keep: Callable[[Point, Found], None]) -> None:
+        """Improve a start; ``keep`` receives the measures of each trial."""
+        left, draws = trials, len(self._loop.seeds)
+        limits = (len(self._goal.smooth) - 1) * draws
+        none, nothing = np.zeros(limits), np.zeros((limits, start.size))
+
+        def attempt(point: Point) -> SearchTrial:
+            nonlocal left
+            if left == 0:
+                raise StopIteration
+            left, failed = left - 1, SearchTrial(np.nan, 0 * point, none, nothing)
+            try:
+                kept, excess, slope = self._margins(point)
+                failed = failed._replace(
+                    excess=np.append(none, excess), excess_gradient=np.vstack([nothing, slope])
+                )
+                if (excess >= 1).any():
+                    self.failure = "the closed loop is unstable. Set other gains."
+                    return failed
+                measured, slopes = self._loop.measures(point, self._goal.smooth)
+            except (StructureError, ScenarioError, RuntimeError) as error:
+                self.failure = " ".join(str(error).split())
+                return failed
+            keep(point, np.vstack([measured, np.tile(kept[:, None], draws)]))
+            if not (np.isfinite(measured).all() and np.isfinite(slopes).all()):
+                return failed
+            limit, gradient = self._goal.excess(measured, slopes)
+            return SearchTrial(
+                *self._value(measured[0].mean(), slopes[0].mean(axis=0)),
+                np.append(limit, excess),
+                np.vstack([gradient, slope]),
+            )
+
+        with suppress(StopIteration):
+            constrain(attempt, self.begin(start), self._step, _ENOUGH)
+
+    def _value(self, mean: float, slope: Point) -> tuple[float, Point]:
+        if self._scale is None:
+            return 2 * float(np.log(mean)), 2 * slope / mean
+        return float(mean / self._scale), slope / self._scale
+
+    def _margins(self, point: Point) -> _Rows:
+        """Return the margin, its violation and the gradient, as rows; none without a margin."""
+        if self._stop():
+            raise StoppedError
+        if self._margin is None:
+            return np.zeros(0), np.zeros(0), np.zeros((0, point.size))
+        kept, excess, slopes = self._margin.excess(self._loop.neighbours(point))
+        return np.array([kept]), np.array([excess]), slopes[None]
