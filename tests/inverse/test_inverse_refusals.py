@@ -117,7 +117,7 @@ def test_a_mistake_in_a_file_is_one_line(here, name, call, text, line):
     assert_refused(call, ".*" + line)
 
 
-@pytest.mark.parametrize(("name", "lacks"), {"tune": "cost", "identify": "given"}.items())
+@pytest.mark.parametrize(("name", "lacks"), {"tune": "tried", "identify": "given"}.items())
 def test_a_broken_file_is_not_drawn(tmp_path, name, lacks):
     xr.Dataset({"a": ("b", [1.0])}).to_netcdf(tmp_path / f"{name}.nc")
     with pytest.raises(ReportError, match=f"it has no {lacks} over"):

@@ -237,9 +237,8 @@ def test_the_violation_has_the_slope_of_its_differences_and_bounds_the_margin():
 def test_draws_differ_where_a_sensor_is_noisy(noise):
     calm = SCENARIO.with_values({"flow": [], "sensor.noise_position": noise})
     tuning = Tuning(calm, 2, 1)
-    tuning.why = "no search"
-    (given,) = tuning.runs([tuning.scenario])
-    tuning.given = tuning._look_at(given)
+    (tuning.given,) = tuning.runs([tuning.scenario])
+    tuning._look_at_given()
     assert tuning.random == (noise > 0)
     assert len(tuning.seeds) == tuning.given.shape[1] == 1 + tuning.random
 

@@ -44,7 +44,13 @@ def optimise_numbers(
     def search() -> Optimisation:
         return Optimisation(text.scenario, ranges, goal, seeds, trials, rest=rest)
 
-    names = SearchNames("an optimisation", OPTIMISATION, "optimise", "optimised")
+    names = SearchNames(
+        "an optimisation",
+        OPTIMISATION,
+        "optimise",
+        "optimised",
+        "A wider range may give a better value",
+    )
     return search_and_save(text, folder, names, search, force=force)
 
 
@@ -58,6 +64,8 @@ class SearchNames(NamedTuple):
     command: str
     found: str
     """Of the new scenario."""
+    beyond: str
+    """What to try where a number is at an end of its range."""
 
 
 def search_and_save(
@@ -112,7 +120,9 @@ def search_and_save(
         files = found.save(data, texts)
         notes = [f"a search without gradients: {search.why}"] if search.why else []
         if ends := ", ".join(summary["at_end"]):
-            notes.append(f"at an end of its range: {ends}. A wider range may give a better value")
+            notes.append(f"at an end of its range: {ends}. {names.beyond}")
+        if search.ended_early:
+            notes.append("the search ended at its number of trials. More may give a better value")
         rows, others = more(search, data)
         show(optimisation_table(search, rows), [*notes, *others], files)
     return ("", 0) if status == Status.OK.value else (status, MISSED)

@@ -20,7 +20,7 @@ def tune_controller(
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
     tunable_numbers(text.scenario)
-    names = SearchNames("a tuning", TUNING, "tune", "tuned")
+    names = SearchNames("a tuning", TUNING, "tune", "tuned", "Continue from tuned.toml")
     return search_and_save(
         text,
         folder,

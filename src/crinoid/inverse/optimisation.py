@@ -61,7 +61,7 @@ class Optimisation:
 
     A point counts by the mean of the measure over the draws; limits hold in each draw. If all
     measures have derivatives, and these agree with differences of runs at the given values, each
-    of several starts is improved by gradients through the closed loop (SLSQP, Kraft 1988). If not,
+    of several starts is improved by gradients through the closed loop (`GradientSearch`). If not,
     a population of points evolves without gradients (differential evolution, Storn and Price
     1997). The best trials are then run as `crinoid.simulate` does, with rounded numbers.
 
@@ -140,11 +140,19 @@ class Optimisation:
             return np.nan
         return float(self.best.found[0].mean())
 
+    @property
+    def ended_early(self) -> bool:
+        """Whether a search by gradients had no trials left at the start of the best one."""
+        if self.best is None or self.why or self._stopped.is_set():
+            return False
+        tried = sum(trial.start == self.best.start for trial in self.trials)
+        return tried >= self.total // STARTS
+
     def _look(self) -> bool:
         """Run with the given values, and choose the search; return whether they can be run."""
         (self.given,) = self.runs([self.scenario])
         if not self.runs.failure:
-            self.given = self._look_at(self.given)
+            self._look_at_given()
         elif self.margin is None:
             return False
         if self.scenario.control.kind != "none" and self.scenario.control.compare:
@@ -162,19 +170,19 @@ class Optimisation:
             self.why = self._check_gradients(scale)
         return True
 
-    def _look_at(self, given: Found) -> Found:
-        """Check and keep the measures with the given values; return those of different draws."""
+    def _look_at_given(self) -> None:
+        """Check and keep the measures with the given values, of draws that differ."""
+        assert self.given is not None
         options = ("--for", *["--keep"] * len(self.goal.limits))
-        for option, name, values in zip(options, self.goal.names, given, strict=True):
+        for option, name, values in zip(options, self.goal.names, self.given, strict=True):
             if not np.isfinite(values).all():
                 raise refusal(option, f"{name} is not a number in this run. Name another measure.")
-        if len(self.seeds) > 1 and np.ptp(given, axis=1).max() == 0:
-            self.random, given = False, given[:, :1]
+        if len(self.seeds) > 1 and np.ptp(self.given, axis=1).max() == 0:
+            self.random, self.given = False, self.given[:, :1]
             del self.seeds[1:]
         start = self.ranges.start
         if np.allclose([*self.ranges.values(start).values()], self.ranges.given):
-            self._keep(Trial(start, 0, given))  # what an early interruption saves
-        return given
+            self._keep(Trial(start, 0, self.given))  # what an early interruption saves
 
     def _check_gradients(self, scale: float | None) -> str:
         """Return how gradients differ from differences of runs at the first start, if they do."""
