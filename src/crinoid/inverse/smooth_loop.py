@@ -90,12 +90,11 @@ def measures(
     None for constant leaves. The mode is forward or ``reverse``. All results are NaN where a time
     step failed or there is no equilibrium.
     """
-    varying, constant = eqx.partition(numbers, eqx.is_inexact_array)
     keys = jax.tree.leaves(tangents)[0].shape[0]
 
     def of(step: Array) -> tuple[Array, Array]:
-        moved = jax.tree.map(lambda x, slope: x + jnp.tensordot(step, slope, 1), varying, tangents)
-        first, pressures = eqx.combine(moved, constant)
+        moves = jax.tree.map(lambda slope: jnp.tensordot(step, slope, 1), tangents)
+        first, pressures = eqx.apply_updates(numbers, moves)
         changed = first if isinstance(first, Loop) else with_parameters(loop, first)
 
         def see(loop: Loop, now: LoopState) -> SeenMotion:
@@ -162,6 +161,7 @@ class SmoothLoop:
             rest or simulation.start == "equilibrium",
             CostWeights.of(scenario, [each.unit for each in self._loops[0].system.inputs]),
         )
+        self._moving: set[int] = set()
         self._design = lru_cache(_KEPT)(self._design_at)
         steps = np.diag(np.where(ranges.start > 0.5, -_STEP, _STEP))
         points = [ranges.start + step for step in steps]
@@ -192,10 +192,21 @@ class SmoothLoop:
                 pair = [eqx.filter(self._numbers(end, draw), eqx.is_inexact_array) for end in ends]
                 _require_same_structure(*pair)
                 tangents.append(jax.tree.map(lambda a, b, w=width: _slope(a, b, w), *pair))
-            tangent = jax.tree.map(lambda *each: np.stack(each), *tangents)
-            found.append(measures(loop, numbers, tangent, forms, self._instants, reverse=reverse))
-        values, slopes = (np.stack(each, axis=1) for each in zip(*found, strict=True))
-        return values, slopes
+            slopes = self._only_moving(jax.tree.map(lambda *each: np.stack(each), *tangents))
+            found.append(measures(loop, numbers, slopes, forms, self._instants, reverse=reverse))
+        values, gradients = (np.stack(each, axis=1) for each in zip(*found, strict=True))
+        return values, gradients
+
+    def _only_moving(self, slopes: Any) -> Any:
+        """Return the slopes without leaves that were constant at all points so far.
+
+        Derivatives by them would cost time, and another set of leaves another compilation.
+        """
+        leaves, structure = jax.tree.flatten(slopes)
+        self._moving |= {index for index, leaf in enumerate(leaves) if leaf.any()}
+        moving = self._moving or range(len(leaves))
+        kept = [leaf if index in moving else None for index, leaf in enumerate(leaves)]
+        return jax.tree.unflatten(structure, kept)
 
     def neighbours(self, point: Point) -> Neighbours:
         """Return the loop of the first draw at a point, and loops about it."""
