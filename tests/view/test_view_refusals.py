@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.scene.data import find_obstacles
 from crinoid.scenario import ScenarioError
-from crinoid.view.figures import ReportError, write_report
+from crinoid.view.figures import write_report
 from helpers.command import assert_refused, refused
 from helpers.planar_result import OBSTACLES, among_obstacles, swaying_arm
 from helpers.studies import save, study_row, write_study
