@@ -158,7 +158,7 @@ COMMANDS = (
         Option("--nodes N,N", str,
             "Of a table: nodes or edges of variables along the arm; -1 is the last.", "all"),
         Option("--instants N", int, "Largest number of instants, evenly chosen.",
-            "1501, in a table 1000000", check=_POSITIVE),
+            "1501, in a table 1000000"),
         out("next to the result"), _FORCE, interrupted="interrupted"),
     Command("film", "crinoid.cli.result_commands:film",
         "Film a result: the arm moving, as an MP4 or a GIF.",
