@@ -37,6 +37,7 @@ SPOILED = [
     (b"this is no netCDF", "not a readable netCDF file"),
     (lambda: FOREIGN, "no variable 'position'"),
     (lambda: few().drop_vars("position"), r"output\.variables left out position"),
+    (lambda: few().assign(contact_force=few()["velocity"]), "no variable 'obstacle_position'"),
     (lambda: few().isel(time=[]), "has no records"),
     (lambda: few().assign(position=np.nan * few()["position"]), "no record with a shape to draw"),
     (lambda: few().assign_coords(axis=["u", "v"]), "not labelled x and z"),

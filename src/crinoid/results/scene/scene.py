@@ -175,7 +175,7 @@ def build_scene(result: Result, most: int | None = None, most_nodes: int | None 
 def colour_ranges(scene: Scene) -> dict[str, tuple[float, float]]:
     """Return the values between which colours lie, the same for all runs."""
     found = {}
-    for name in {field.name for field in scene.members[0].fields}:
+    for name in {field.name for each in scene.members for field in each.fields}:
         some = [f for each in scene.members for f in each.fields if f.name == name]
         # numbers that are not finite were left out before
         top = max(float(np.abs(field.values).max(initial=0.0)) for field in some) or 1.0
