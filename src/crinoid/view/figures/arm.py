@@ -47,23 +47,17 @@ Chosen = Int[np.ndarray, " shape"] | None
 
 
 def draw_arm(
-    axes: Axes,
-    both: Result,
-    index: int,
-    low: Point,
-    high: Point,
-    view: View,
-    chosen: Chosen = None,
+    axes: Axes, both: Result, one: int, box: tuple[Point, Point], view: View, chosen: Chosen = None
 ) -> None:
-    """Draw one run of a result without its water, with the arm's shape at chosen records."""
-    (_, result), scene, run = both.members[index], both.scene, both.scene.members[index]
+    """Draw one run of a result in a box without its water, the arm at chosen records."""
+    (_, result), scene, run = both.members[one], both.scene, both.scene.members[one]
     shapes = view.paper(run.position)
     if chosen is None:
         chosen = chosen_records(len(shapes))
     else:  # the scene omits instants that are not finite
         chosen = np.flatnonzero(np.isin(run.at, chosen))
 
-    draw_obstacles(axes, run, chosen, low, high, view)
+    draw_obstacles(axes, run, chosen, *box, view)
     # an arm that points toward the eye is in front of its base
     hull = 0.9 if view.depth(run.mount.direction[-1]) > 1e-9 else 3.0
     looks = {"hull": (GREY, base_word(result.known_scenario)), "steel": (STEEL, "clamp")}

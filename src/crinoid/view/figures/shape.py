@@ -139,7 +139,7 @@ def draw_shape(run: Result) -> Figure:
     low, high = _extent(run, currents, scale)
     figure, panels = _panels(low, high, run, about)
     for index, (axes, current) in enumerate(zip(panels, currents, strict=True)):
-        draw_arm(axes, run, index, SIDE.lift(low), SIDE.lift(high), SIDE)
+        draw_arm(axes, run, index, (SIDE.lift(low), SIDE.lift(high)), SIDE)
         current.draw(axes, scale)
         axes.set_title(run.members[index][0], loc="left")
     if scale > 0.0:

@@ -55,7 +55,7 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
     (left, bottom), (right, top) = view.paper(low), view.paper(high)
     labels = measured_from(view, about)
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    draw_arm(axes, run, 0, low, high, view, chosen)
+    draw_arm(axes, run, 0, (low, high), view, chosen)
     current.draw(axes, current.scale)
     # the window has room at its top for the legend and below it for the key of the water, and the
     # shape of the axes that are given; axes that share its scale keep what they show
@@ -149,7 +149,7 @@ def draw_sheet(run: Result) -> Figure:
         panels, corner = block.place(figure, LEFT, foot)
         for view, axes in panels.items():
             frame(axes, view, low, high, block.inch, about)
-            draw_arm(axes, run, index, low, high, view)
+            draw_arm(axes, run, index, (low, high), view)
             if scale > 0.0 or view is SIDE:  # which else says that the water is still
                 currents[view][index].draw(axes, scale)
         flat += panels.values()
