@@ -15,6 +15,7 @@ from crinoid.cli.optimise import optimise_numbers
 from crinoid.learning.settings import TrainingSettings
 from crinoid.results.result import Result
 from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.view.export.formats import FORMATS
 from crinoid.view.film.settings import CameraSettings
 from helpers.command import SMALL, call, one_line, refused, succeeded
 
@@ -152,6 +153,16 @@ def folders(here, monkeypatch):
 
 def run_with(*settings, more=()):
     succeeded("run", "small.toml", *(f"--set={each}" for each in settings), *more)
+
+
+def test_help_names_the_formats_of_export():
+    (command,) = (each for each in COMMANDS if each.name == "export")
+    (option,) = (each for each in command.options if each.flag == "--to")
+    *some, last = (n for n, each in FORMATS.items() if each.accepts in ("table", "shapes"))
+    one = {each.accepts: name for name, each in FORMATS.items()}
+    words = f"{', '.join(some)} or {last}; of a policy, {one['policy']}; of a scenario, "
+    assert option.text == f"{words}{one['scenario']}."
+    assert set(FORMATS) <= set(re.findall(r"\w+", command.text))
 
 
 def test_the_default_folder_is_named_after_changed_keys(folders):

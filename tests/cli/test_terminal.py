@@ -12,8 +12,9 @@ import pytest
 import crinoid
 from crinoid.cli.command import complete_key, complete_name
 from crinoid.compilation import make_room
+from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
-from crinoid.view.figures import ReportError, write_report
+from crinoid.view.figures import write_report
 from helpers.command import call, one_line, succeeded
 from helpers.made_results import Player, made_result
 

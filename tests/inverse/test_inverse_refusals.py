@@ -3,8 +3,9 @@
 import pytest
 import xarray as xr
 
+from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
-from crinoid.view.figures import ReportError, write_report
+from crinoid.view.figures import write_report
 from helpers.command import assert_refused
 
 ARM = Scenario(

@@ -8,10 +8,11 @@ import tomli_w
 import xarray as xr
 
 from crinoid.cli.sweep import shares_of_time
+from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
 from crinoid.studies.batch import batch_of
 from crinoid.studies.sweep.plan import SweepDesign
-from crinoid.view.figures import ReportError, write_report
+from crinoid.view.figures import write_report
 from helpers.command import assert_refused, refused
 from helpers.refusals import mistake
 

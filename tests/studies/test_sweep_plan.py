@@ -99,6 +99,9 @@ def test_batches_hold_each_run_once_and_one_structure():
     assert sorted(together) == list(range(1, plan.runs + 1))
     assert max(batch.runs.size for batch in plan.batches) == 5
     assert len(plan.structures) == 4
+    again = SweepDesign.of(ARM, texts, seeds=4, batch=5)
+    assert {int(runs[0]) for runs in plan.structures} <= set(again.examples(1))
+    assert "structures" not in vars(again)  # which is slow for millions of runs
     for batch in plan.batches:
         cases = [plan.case(run) for run in batch.runs.tolist()]
         assert len({(case.arm.nodes, case.simulation.integrator) for case in cases}) == 1

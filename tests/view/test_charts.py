@@ -155,6 +155,8 @@ def touching():
 def test_contact_with_itself_has_its_times_force_and_gap():
     run = Result(touching())
     assert contact_chart(Result(touching().drop_vars("self_force"))) is None
+    # without all variables of obstacles their contacts are left out
+    run.dataset["contact_force"] = ("time", "obstacle", "axis"), np.zeros((21, 1, 2))
     when, pressed, apart = contact_chart(run).panels
     (row,) = when.rows
     assert row.spans == pytest.approx(np.array([[1.0, 2.0]]))

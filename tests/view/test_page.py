@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from crinoid.results.reading import with_shapes
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.scene.mount import find_mount
 from crinoid.results.scene.scene import build_scene
-from crinoid.view.figures import ReportError
 from crinoid.view.figures.charts.chart import Trace
 from crinoid.view.page.parts import Pack
 from crinoid.view.page.plots import RECORDS, extreme_instants

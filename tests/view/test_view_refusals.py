@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.scene.data import find_obstacles
 from crinoid.scenario import ScenarioError
-from crinoid.view.figures import ReportError, write_report
+from crinoid.view.export import write_export
+from crinoid.view.export.formats import FORMATS, writer_of
+from crinoid.view.figures import write_report
 from helpers.command import assert_refused, refused
 from helpers.planar_result import OBSTACLES, among_obstacles, swaying_arm
 from helpers.studies import save, study_row, write_study
@@ -34,6 +37,7 @@ SPOILED = [
     (b"this is no netCDF", "not a readable netCDF file"),
     (lambda: FOREIGN, "no variable 'position'"),
     (lambda: few().drop_vars("position"), r"output\.variables left out position"),
+    (lambda: few().assign(contact_force=few()["velocity"]), "no variable 'obstacle_position'"),
     (lambda: few().isel(time=[]), "has no records"),
     (lambda: few().assign(position=np.nan * few()["position"]), "no record with a shape to draw"),
     (lambda: few().assign_coords(axis=["u", "v"]), "not labelled x and z"),
@@ -193,3 +197,16 @@ def test_a_library_that_lacks_is_named(command, library, modules, answer, folder
         monkeypatch.delitem(sys.modules, f"crinoid.view.export.{name}", raising=False)
     monkeypatch.setitem(sys.modules, library, None)
     assert answer in refused(*command.split())
+
+
+def test_another_module_that_lacks_is_not_blamed_on_the_library(monkeypatch):
+    monkeypatch.delitem(sys.modules, "crinoid.view.export.workbook", raising=False)
+    monkeypatch.setitem(sys.modules, "itertools", None)
+    with pytest.raises(ModuleNotFoundError, match="itertools"):
+        writer_of(FORMATS["xlsx"])
+
+
+@pytest.mark.parametrize("instants", [0, -3])
+def test_an_export_has_at_least_one_instant(instants, tmp_path):
+    with pytest.raises(ScenarioError, match=f"^--instants: got {instants}; must be at least 1$"):
+        write_export(tmp_path, tmp_path, "csv", instants=instants)

@@ -86,7 +86,9 @@ def modes(scenario: Source, *, count: int = COUNT, in_air: bool = False) -> xr.D
     >>> found.frequency.sel(medium="air").round(1).values.tolist()  # Hz
     [0.9, 2.9]
     """
-    dataset, trouble = find_vibrations(Prepared(scenario), count=count, in_air=in_air)
+    prepared = Prepared(scenario)
+    prepared.check()
+    dataset, trouble = find_vibrations(prepared, count=count, in_air=in_air)
     if trouble or dataset is None:
         raise ModesError(trouble)
     return dataset
@@ -95,12 +97,8 @@ def modes(scenario: Source, *, count: int = COUNT, in_air: bool = False) -> xr.D
 def find_vibrations(
     prepared: Prepared, *, count: int, in_air: bool
 ) -> tuple[xr.Dataset | None, str]:
-    """Find modes in air, still water and mean current, or in air only; say why some are missing."""
-    prepared.check()
+    """Find modes of a checked case in its media, or in air only; say why some are missing."""
     scenario = prepared.scenario
-    if scenario.vary:
-        text = "a mode is of one case; give its values with --set and leave out vary"
-        raise ScenarioError.of("vary", text)
     most = (scenario.arm.nodes - 1) * (2 if scenario.arm.dimension == 2 else 4)
     if not 1 <= count <= most:
         text = got(count, f"be 1 to {most}, the degrees of freedom of {scenario.arm.nodes} nodes")

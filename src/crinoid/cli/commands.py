@@ -6,6 +6,8 @@ from pathlib import Path
 from crinoid.cli.command import complete_name
 from crinoid.cli.declaration import Command, Option, must, out, resume
 
+DEFAULT = "station-keeping"
+"""Scenario of `crinoid run` without one."""
 _NAME = "A TOML file, or the name of a built-in scenario."
 _SCENARIO = replace(Option("SCENARIO", str, _NAME, complete=complete_name), read_as="scenario")
 _TEXT = replace(_SCENARIO, read_as="text")
@@ -41,7 +43,7 @@ def _no_format(form: str) -> str:
 COMMANDS = (
     Command("run", "crinoid.cli.scenario_commands:run",
         "Run a scenario and save what happened.",
-        Option("[SCENARIO]", str, _NAME, "station-keeping", name="scenario", required=False,
+        Option("[SCENARIO]", str, _NAME, DEFAULT, name="scenario", required=False,
             complete=complete_name),
         _SET,
         Option("--case DIR N", tuple[Path, int], "Play run N of the sweep in DIR again."),
@@ -156,7 +158,7 @@ COMMANDS = (
         Option("--nodes N,N", str,
             "Of a table: nodes or edges of variables along the arm; -1 is the last.", "all"),
         Option("--instants N", int, "Largest number of instants, evenly chosen.",
-            "1501, in a table 1000000", check=_POSITIVE),
+            "1501, in a table 1000000"),
         out("next to the result"), _FORCE, interrupted="interrupted"),
     Command("film", "crinoid.cli.result_commands:film",
         "Film a result: the arm moving, as an MP4 or a GIF.",

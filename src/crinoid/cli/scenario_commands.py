@@ -8,11 +8,11 @@ import typer
 
 from crinoid.analysis.curve import Curve
 from crinoid.cli.command import console, folder_for, load_scenario, stop
+from crinoid.cli.commands import DEFAULT
 from crinoid.cli.interruption import Loading
 from crinoid.scenario import Scenario, builtin_files, builtin_names, builtin_text, json_schema, load
 from crinoid.scenario.errors import got
 
-_DEFAULT = "station-keeping"
 _DURATION = "simulation.duration="
 
 
@@ -27,7 +27,7 @@ def run(
 ) -> str:
     """Run a scenario, a study, or a run of a sweep again."""
     if case is None:
-        name = _DEFAULT if scenario is None else scenario
+        name = DEFAULT if scenario is None else scenario
         described, folder = load_scenario(name, settings), folder_for(out, name, "", settings)
         if resume and not folder.exists():  # of a run that is prolonged
             kept = [each for each in settings or () if not each.startswith(_DURATION)]

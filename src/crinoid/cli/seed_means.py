@@ -1,27 +1,27 @@
 """Means over the seeds of a study: their tables, and their file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from rich import box
 from rich.table import Table
 
-from crinoid.cli.display import new_table, seed_notes
+from crinoid.cli.command import console
+from crinoid.cli.display import new_table, say_notes, say_when, seed_notes
+from crinoid.cli.finding import page_in
 from crinoid.cli.folder import clear_own
-from crinoid.results.measure_labels import (
-    head_of,
-    main_measures,
-    plain_number,
-    unit_of,
-)
-from crinoid.results.metrics import MEASURES, Measure, write_rows
+from crinoid.results.measure_labels import head_of, main_measures, plain_number, unit_of
+from crinoid.results.metrics import MEASURES, measures_of, write_rows
 from crinoid.results.units import Unit, largest
 from crinoid.scenario import counted
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
-from crinoid.studies.statistics import MEAN_COLUMNS, MEANS, RUNS, Means, records
+from crinoid.studies.design import Design
+from crinoid.studies.statistics import MEAN_COLUMNS, MEANS, RUNS, Means, records, seed_means
 from crinoid.view.figures import write_means
 from crinoid.view.figures.study import short_keys
 
@@ -31,25 +31,36 @@ _FEW, _FEW_EXTREMES = 3, 2
 
 
 class SeedTables:
-    """Tables of the means over the seeds of a study, as `seed_means` returns them."""
+    """Tables of the means over the seeds of a study: of measures of some of its runs."""
 
-    def __init__(self, means: pd.DataFrame, registry: Mapping[str, Measure]) -> None:
-        self.means, self.registry = means, registry
-        self.keys: list[str] = [] if means.empty else list(means.columns[: -len(MEAN_COLUMNS)])
+    def __init__(
+        self, plan: Design, runs: Sequence[int], numbers: Mapping[str, Float[np.ndarray, " run"]]
+    ) -> None:
+        self.plan, self.registry = plan, measures_of(plan.scenario)
+        self.means = seed_means(map(plan.values, runs), numbers, self.registry)
+        columns = [] if self.means.empty else list(self.means.columns)
+        self.keys: list[str] = columns[: -len(MEAN_COLUMNS)]
 
-    def write(self, folder: Path) -> list[Path]:
-        """Write all means to ``means.csv``, and a figure; remove earlier ones without any.
+    def show(self, table: Table, folder: Path, notes: Iterable[str]) -> list[Path]:
+        """Print the table of a study, means and notes; write means, their figure and the page.
 
-        The figure is drawn from ``cases.csv``.
+        The figure is drawn from ``cases.csv``. Earlier means are removed if there are none.
         """
+        for each in (table, *self._tables()):
+            console.print(each)
+        say_when(self.plan.scenario, self.plan.keys)
+        written = []
         if self.means.empty:
             clear_own(folder, [MEANS])
-            return []
-        write_rows(folder / MEANS, records(self.means))
-        return [folder / MEANS, *write_means(folder)]
+        else:
+            write_rows(folder / MEANS, records(self.means))
+            written = [folder / MEANS, *write_means(folder)]
+        pages, lacking = page_in(folder)
+        say_notes([*self._notes(), *notes, *lacking])
+        return written + pages
 
-    def tables(self) -> Iterator[Table]:
-        """Yield tables for a terminal: of two keys a grid, else a row for each combination."""
+    def _tables(self) -> Iterator[Table]:
+        """Yield tables: of two keys a grid, else a row for each combination."""
         if self.means.empty:
             return
         names = main_measures(self.means["measure"].unique())
@@ -62,9 +73,8 @@ class SeedTables:
         if self.means["extreme"].notna().any():
             yield self._extremes()
 
-    @property
-    def notes(self) -> list[str]:
-        """Notes on the intervals, where runs differ by their seeds."""
+    def _notes(self) -> list[str]:
+        """Return notes on the intervals, where runs differ by their seeds."""
         if self.means.empty or not (self.means["high"] > self.means["low"]).any():
             return []
         # a measure may be unknown in runs that finished

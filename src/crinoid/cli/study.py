@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.cli.command import console
 from crinoid.cli.display import (
     cases_table,
     listed,
@@ -19,7 +18,6 @@ from crinoid.cli.display import (
     progress_bar,
     reporter,
     say_notes,
-    say_when,
     say_where,
 )
 from crinoid.cli.finding import checked_runs, complete, page_in
@@ -43,7 +41,6 @@ from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
 from crinoid.studies.design import Design
-from crinoid.studies.statistics import seed_means
 
 _MOST_HELD = 20_000_000
 """Numbers that cases keep in memory at most from their check to their run."""
@@ -132,15 +129,9 @@ def _run_cases(
                 break
             make_room()
     if notes:
-        console.print(cases_table(plan.scenario.title, plan.keys, table, registry))
+        printed = cases_table(plan.scenario.title, plan.keys, table, registry)
         means = _means(plan, rows, registry)
-        for each in means.tables():
-            console.print(each)
-        say_when(plan.scenario, plan.keys)
-        written = means.write(folder)
-        pages, lacking = page_in(folder)
-        say_notes([*means.notes, *notes_of_cases(notes), *lacking])
-        say_where([folder / CASES, *written, *pages])
+        say_where([folder / CASES, *means.show(printed, folder, notes_of_cases(notes))])
     return ended or listed(failures, CASES)
 
 
@@ -152,7 +143,7 @@ def _means(
     runs = [run for run, row in done.items() if Status.of(row["status"]) is Status.OK]
     table = pd.DataFrame([done[run] for run in runs], columns=list(registry)).replace("", math.nan)
     numbers = {name: table[name].to_numpy(float) for name in registry}
-    return SeedTables(seed_means(map(plan.values, runs), numbers, registry), registry)
+    return SeedTables(plan, runs, numbers)
 
 
 class _CaseRun(NamedTuple):

@@ -24,10 +24,9 @@ from crinoid.cli.display import (
     notes_of_cases,
     progress_bar,
     say_notes,
-    say_when,
     say_written,
 )
-from crinoid.cli.finding import checked_runs, page_in
+from crinoid.cli.finding import checked_runs
 from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
@@ -40,7 +39,6 @@ from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
 from crinoid.simulation.batch import cores
-from crinoid.studies.statistics import seed_means
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore, has_zarr
@@ -49,7 +47,7 @@ _MOST_TRIED = 1000
 """Values of a key that are tried before a sweep starts."""
 _MOST_TOLD = 100
 """Structures whose implausible values are reported."""
-_NO_ZARR = "Zarr is not installed (pip install 'crinoid[sweep]'): the study is a netCDF file"
+_NO_ZARR = ("Zarr is not installed (pip install 'crinoid[sweep]'): the study is a netCDF file",)
 _ONE_THREAD = ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that keep XLA and linear algebra of a worker to one thread."""
 _LONGEST = 10.0
@@ -138,18 +136,12 @@ def run_sweep(
                 return f"{reason}; {_saved(plan, done)}"
             except WorkerPoolError as error:
                 return f"{error}; {_saved(plan, done)}"
-    registry = measures_of(plan.scenario)
-    numbers = {name: data[name].values for name in registry}
-    varied = map(plan.values, range(1, plan.runs + 1))
-    means = SeedTables(seed_means(varied, numbers, registry), registry)
-    console.print(sweep_table(data, shares))
-    for table in means.tables():
-        console.print(table)
-    files += means.write(folder)
-    pages, lacking = page_in(folder)
-    say_when(plan.scenario, plan.keys)
-    say_notes([*means.notes, *(() if has_zarr() else (_NO_ZARR,)), *lacking])
-    say_written([*files, *pages])
+    numbers = {name: data[name].values for name in measures_of(plan.scenario)}
+    means, notes = (
+        SeedTables(plan, range(1, plan.runs + 1), numbers),
+        () if has_zarr() else _NO_ZARR,
+    )
+    say_written([*files, *means.show(sweep_table(data, shares), folder, notes)])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():
         for word, at in (("best", np.nanargmin(errors)), ("worst", np.nanargmax(errors))):

@@ -81,6 +81,8 @@ def read_result(
 def _fault(data: xr.Dataset, required: Mapping[str, tuple[str, ...]]) -> str:
     """Reason for which a dataset is not a result that can be drawn; empty if it is."""
     foreign = "not a crinoid result,"
+    if required and "contact_force" in data:
+        required = {**required, "obstacle_position": ("time", "obstacle", "axis")}
     for name, dims in required.items():
         if name not in data and "crinoid_version" in data.attrs and name == "position":
             return "output.variables left out position, which all figures need"

@@ -35,6 +35,9 @@ _PLACES = 7
 _SPACING = 0.07  # arrows closer than this are left out, of the arm's length
 _CLEAR = 0.06  # distance between the arrows and what the arm sweeps, of its length
 CALM = 1e-9  # speed of water that is still (m/s)
+TRAVELS, NEAR = 1.5, 0.35
+"""Travel of a base from which on it is followed, and distance from the arm within which obstacles
+are shown, of the arm's length."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,11 @@ class Keyframes:
     tool: ToolBall | None
     held: Bool[np.ndarray, " time"]
 
+    def travels(self, length: float) -> bool:
+        """Whether the base moves so far that pictures of an arm of some length (m) follow it."""
+        away = self.position[:, 0] - self.position[0, 0]
+        return bool(np.linalg.norm(away, axis=1).max() > TRAVELS * length)
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -167,7 +175,7 @@ def build_scene(result: Result, most: int | None = None, most_nodes: int | None 
 def colour_ranges(scene: Scene) -> dict[str, tuple[float, float]]:
     """Return the values between which colours lie, the same for all runs."""
     found = {}
-    for name in {field.name for field in scene.members[0].fields}:
+    for name in {field.name for each in scene.members for field in each.fields}:
         some = [f for each in scene.members for f in each.fields if f.name == name]
         # numbers that are not finite were left out before
         top = max(float(np.abs(field.values).max(initial=0.0)) for field in some) or 1.0

@@ -159,13 +159,10 @@ class SweepDesign(Design):
         sizes = [levels.count for levels in self.axes.values()]
         places = np.unravel_index(np.arange(self.runs), sizes) if sizes else ()
         structure = np.zeros(self.runs, np.int64)
-        for (name, levels), place in zip(self.axes.items(), places, strict=True):
-            if name not in self._structural:
-                continue
-            kinds: dict[str, int] = {}
-            words = (repr(levels.at(number)) for number in range(levels.count))
-            of_each = [kinds.setdefault(each, len(kinds)) for each in words]
-            structure = structure * len(kinds) + np.array(of_each)[place]
+        for name, place in zip(self.axes, places, strict=True):
+            if name in self._structural:
+                kinds = self._kinds[name]
+                structure = structure * (kinds.max() + 1) + kinds[place]
         order = np.argsort(structure, kind="stable")
         return np.split(order + 1, np.flatnonzero(np.diff(structure[order])) + 1)
 
@@ -174,8 +171,7 @@ class SweepDesign(Design):
 
         Of a key with more than ``most`` values there are as many, its ends among them.
         """
-        found = {int(runs[0]) for runs in self.structures}
-        stride = 1
+        found, firsts, stride = set[int](), np.ones(1, int), 1
         for name, levels in reversed([*self.axes.items()]):
             if name == _SAMPLE:
                 places = np.concatenate(
@@ -184,8 +180,11 @@ class SweepDesign(Design):
             else:
                 places = np.linspace(0, levels.count - 1, min(most, levels.count)).astype(int)
             found.update(int(place) * stride + 1 for place in places)
+            if name in self._structural:  # their runs are not counted out, which is slow
+                _, first = np.unique(self._kinds[name], return_index=True)
+                firsts = (firsts + stride * first[:, None]).ravel()
             stride *= levels.count
-        return sorted(found)
+        return sorted(found.union(firsts.tolist()))
 
     def to_toml(self) -> str:
         """Return all of it as TOML; `from_toml` gives it back."""
@@ -247,6 +246,16 @@ class SweepDesign(Design):
             for key, levels in self.axes.items()
             if key not in (_SAMPLE, SEED) and not _is_number(self.scenario, key, levels.at(0)[key])
         }
+
+    @cached_property
+    def _kinds(self) -> dict[str, Int[np.ndarray, " level"]]:
+        """The kind of each level of structural keys: equal ones share their compiled programs."""
+        found = {}
+        for key in self._structural:
+            kinds: dict[str, int] = {}
+            words = (repr(self.axes[key].at(level)) for level in range(self.axes[key].count))
+            found[key] = np.array([kinds.setdefault(each, len(kinds)) for each in words])
+        return found
 
     @cached_property
     def _spans(self) -> dict[str, Span]:

@@ -60,7 +60,8 @@ def write_export(
     Raises
     ------
     ScenarioError
-        If the format, a variable or a node is unknown, or the format has no use for an option.
+        If the format, a variable or a node is unknown, the format has no use for an option, or
+        ``instants`` is below 1.
     ReportError
         If there is nothing to write, or the library of the format is not installed.
     """

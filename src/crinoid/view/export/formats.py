@@ -20,29 +20,30 @@ class Format(NamedTuple):
     endings: tuple[str, ...]  # of its files, after the name of the source
     accepts: Literal["table", "shapes", "policy", "scenario"]
     writer: str  # "module:function" of this folder
-    needs: tuple[str, str, str] | None = None  # its title, its library, and crinoid's extra of that
+    needs: tuple[str, ...] = ()  # its title, and the extra and modules of its library
     instants: int = 1501  # most by default: 30 s at 50 a second
     nodes: int | None = 201  # most of shapes, each of which becomes a bone; none: all
 
 
 _ROWS = 1_000_000  # about the limit of spreadsheets
+_LIBRARIES = {"mcap_ros2": "mcap-ros2-support", "pxr": "usd-core"}  # of other names than modules
 FORMATS = {
     "vtkhdf": Format(
         (".vtkhdf", "-surroundings.vtkhdf"), "shapes", "vtkhdf:write_vtkhdf", nodes=None
     ),
     "csv": Format((".csv",), "table", "table:write_csv", instants=_ROWS),
     "xlsx": Format(
-        (".xlsx",), "table", "workbook:write_xlsx", ("XLSX", "xlsxwriter", "export"), _ROWS
+        (".xlsx",), "table", "workbook:write_xlsx", ("XLSX", "export", "xlsxwriter"), _ROWS
     ),
-    "gltf": Format((".glb",), "shapes", "gltf:write_gltf", ("glTF", "pygltflib", "export")),
+    "gltf": Format((".glb",), "shapes", "gltf:write_gltf", ("glTF", "export", "pygltflib")),
     "mcap": Format(
         (".mcap", ".foxglove.json"),
         "shapes",
         "foxglove:write_mcap",
-        ("MCAP", "mcap-ros2-support and rosbags", "ros"),
+        ("MCAP", "ros", "mcap_ros2", "rosbags"),
     ),
-    "usd": Format((".usda",), "shapes", "usd:write_usd", ("USD", "usd-core", "usd")),
-    "onnx": Format((".onnx",), "policy", "network:write_onnx", ("ONNX", "onnx", "export")),
+    "usd": Format((".usda",), "shapes", "usd:write_usd", ("USD", "usd", "pxr")),
+    "onnx": Format((".onnx",), "policy", "network:write_onnx", ("ONNX", "export", "onnx")),
     "fmu": Format((".fmu",), "scenario", "fmu:write_fmu"),
 }
 
@@ -55,6 +56,8 @@ def format_for(name: str, options: Mapping[str, object]) -> Format:
     form = FORMATS[name]
     tables = " or ".join(each for each, row in FORMATS.items() if row.accepts == "table")
     for option, value in options.items():
+        if isinstance(value, int) and value < 1:
+            raise refusal(option, got(value, "be at least 1"))
         of_shapes = option == "--instants"
         if value is None or form.accepts == "table" or (of_shapes and form.accepts == "shapes"):
             continue
@@ -69,9 +72,10 @@ def writer_of(form: Format) -> Callable[..., Any]:
     try:
         found: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), function)
     except ModuleNotFoundError as error:
-        if form.needs is None or str(error.name).startswith("crinoid"):
+        title, extra, *modules = form.needs or ("", "")
+        if str(error.name).partition(".")[0] not in modules:
             raise
-        title, library, extra = form.needs
+        library = " and ".join(_LIBRARIES.get(each, each) for each in modules)
         text = f'{title} is written by {library}: pip install "crinoid[{extra}]"'
         raise ReportError(text) from error
     return found

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from crinoid.foundation.atomic_file import FilePath
-from crinoid.results.report_error import ReportError
 
-__all__ = ["ReportError", "write_means", "write_page", "write_report"]
+__all__ = ["write_means", "write_page", "write_report"]
 
 
 def write_report(

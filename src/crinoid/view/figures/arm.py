@@ -33,34 +33,36 @@ def chosen_records(count: int) -> Int[np.ndarray, " shape"]:
 
 
 def points_of(scene: Scene) -> Float[np.ndarray, "point axis=3"]:
-    """Points that a window must contain to show the first run of a scene, without its water."""
-    run = scene.members[0]
-    thick, places = float(run.diameter.max()), run.position.reshape(-1, 3)
-    near = obstacle_points(run.obstacles, places, scene.length)
-    tool = tool_facets(run).reshape(-1, 3)
-    return np.concatenate([places - thick / 2, places + thick / 2, run.target, near, tool])
+    """Points that a window must contain to show the runs of a scene, without their water."""
+    found = [mount_points(scene)]
+    for run in scene.members:
+        thick, places = float(run.diameter.max()), run.position.reshape(-1, 3)
+        near = obstacle_points(run.obstacles, places, scene.length)
+        tool = tool_facets(run).reshape(-1, 3)
+        found += [places - thick / 2, places + thick / 2, run.target, near, tool]
+    return np.concatenate(found)
 
 
 Chosen = Int[np.ndarray, " shape"] | None
 
 
 def draw_arm(
-    axes: Axes, result: Result, low: Point, high: Point, view: View, chosen: Chosen = None
+    axes: Axes, both: Result, one: int, box: tuple[Point, Point], view: View, chosen: Chosen = None
 ) -> None:
-    """Draw a run without its water, with the shape of the arm at chosen records."""
-    run = result.scene.members[0]
+    """Draw one run of a result in a box without its water, the arm at chosen records."""
+    (_, result), scene, run = both.members[one], both.scene, both.scene.members[one]
     shapes = view.paper(run.position)
     if chosen is None:
         chosen = chosen_records(len(shapes))
     else:  # the scene omits instants that are not finite
         chosen = np.flatnonzero(np.isin(run.at, chosen))
 
-    draw_obstacles(axes, run, chosen, low, high, view)
+    draw_obstacles(axes, run, chosen, *box, view)
     # an arm that points toward the eye is in front of its base
     hull = 0.9 if view.depth(run.mount.direction[-1]) > 1e-9 else 3.0
     looks = {"hull": (GREY, base_word(result.known_scenario)), "steel": (STEEL, "clamp")}
-    for body in _mount(result.scene):
-        facets = body.transform(body.shape.mesh(0.01 * result.scene.length).facets, 0)
+    for body in _mount(scene, run):
+        facets = body.transform(body.shape.mesh(0.01 * scene.length).facets, 0)
         colour, name = looks[body.material]
         part = Polygon(convex_outline(view.paper(facets).reshape(-1, 2)), closed=True)
         order, label = (1.5, None) if name == "clamp" else (hull, name)
@@ -69,7 +71,7 @@ def draw_arm(
     base = shapes[:, 0]
     if moves(base):
         axes.plot(*base.T, color=INK, linewidth=0.8, zorder=3.5, label="path of the base")
-    _draw_thickness(axes, result.scene, view)
+    _draw_thickness(axes, run, view, scene.spatial)
 
     lines = LineCollection(
         list(shapes[chosen]), linewidths=1.0, zorder=2, **timed(run.time, chosen)
@@ -81,9 +83,9 @@ def draw_arm(
     _draw_tip(axes, run, view, target_word(result))
 
 
-def _draw_thickness(axes: Axes, scene: Scene, view: View) -> None:
-    position, diameter = scene.members[0].position[-1], scene.members[0].diameter
-    if not scene.spatial:
+def _draw_thickness(axes: Axes, run: Keyframes, view: View, spatial: bool) -> None:
+    position, diameter = run.position[-1], run.diameter
+    if not spatial:
         band = arm_outline(view.paper(position), diameter)
         body = Polygon(band, closed=True, facecolor=PALE, edgecolor=_RIM, linewidth=0.6)
         body.set_label("arm at the end")
@@ -109,15 +111,17 @@ def _draw_tip(axes: Axes, run: Keyframes, view: View, word: str) -> None:
     ring.set_label(word + (" (ring: at the end)" if wanders else ""))
 
 
-def _mount(scene: Scene) -> list[RigidBody]:
-    """Return the bodies of the mount of the first run at the end."""
-    now = instant(scene.members[0], scene.members[0].time[-1])
+def _mount(scene: Scene, run: Keyframes) -> list[RigidBody]:
+    """Return the bodies of the mount of a run at the end."""
+    now = instant(run, run.time[-1])
     return mount_bodies(now.mount, now.position[:, 0], float(now.diameter[0]) / 2, scene.length)
 
 
 def mount_points(scene: Scene) -> Float[np.ndarray, "point axis=3"]:
-    """Points that a window must contain to show the base, as far as it is near the root."""
-    root, near = scene.members[0].position[-1, 0], _HULL * scene.length
-    meshes = ((body, body.shape.mesh(0.05 * scene.length).points) for body in _mount(scene))
-    points = np.concatenate([body.transform(mesh, 0) for body, mesh in meshes])
-    return np.clip(points, root - near, root + near)
+    """Points that a window must contain to show the bases, as far as they are near the roots."""
+    near, found = _HULL * scene.length, []
+    for run in scene.members:
+        for body in _mount(scene, run):
+            points = body.transform(body.shape.mesh(0.05 * scene.length).points, 0)
+            found.append(points.clip(run.position[-1, 0] - near, run.position[-1, 0] + near))
+    return np.concatenate(found)

@@ -16,6 +16,7 @@ from crinoid.results.scene.clip import box_corners, convex_outline, within_box
 from crinoid.results.scene.data import Point, even_indices, moves
 from crinoid.results.scene.projection import View, left_of, perspective
 from crinoid.results.scene.scene import Keyframes, Scene
+from crinoid.view.figures.arm import chosen_records
 from crinoid.view.figures.painter import (
     STEEL,
     BodySurfaces,
@@ -99,7 +100,7 @@ def _write_numbers(
 
 
 _COLOURS = {"hull": GREY, "steel": STEEL, "obstacle": SOLID, "tool": PURPLE}
-_SHAPES, _PATH = 25, 300  # shapes over time, and pieces of a path
+_PATH = 300  # pieces of a path
 
 
 def draw_end(
@@ -144,7 +145,7 @@ def draw_end(
 
 def draw_over_time(axes: Axes, scene: Scene, run: Keyframes, box: tuple[Point, Point]) -> None:
     """Draw a run of a scene over time without its water, its bodies at the end."""
-    chosen = even_indices(run.time.size, _SHAPES)
+    chosen = chosen_records(run.time.size)
     colours = time_map()(time_norm(run.time)(run.time[chosen]))
     shapes = zip(run.position[chosen], colours, strict=True)
     lines = [line_surface(points, colour) for points, colour in shapes]

@@ -19,18 +19,12 @@ from crinoid.results.scene.mesh import AROUND, arm_facets
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
 from crinoid.results.units import largest, length_unit
 from crinoid.view.figures import style
-from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points
+from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points, points_of
 from crinoid.view.figures.charts.spectra import miss, spectrum_panel
 from crinoid.view.figures.painter import Surface
 from crinoid.view.figures.paper import draw_panel
 from crinoid.view.figures.perspective import draw_end
-from crinoid.view.figures.sheet import (
-    LEFT,
-    box_around,
-    contents,
-    in_best_frame,
-    measured_from,
-)
+from crinoid.view.figures.sheet import LEFT, box_around, in_best_frame, measured_from
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current, tool_facets
 
 ROWS = {
@@ -64,7 +58,7 @@ def draw_bending(run: Result) -> Figure:
             wide = (style.WIDTH - LEFT - 0.4) / count
             arm = style.add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
             inside = [one.position[-1] for one in run.scene.members]
-            inside += [mount_points(member.scene) for _, member in run.members]
+            inside.append(mount_points(run.scene))
             inside += [tool_facets(one).reshape(-1, 3) for one in run.scene.members if one.held[-1]]
             box = box_around(np.concatenate(inside))
             alone = replace(run.scene.members[column], obstacles=())
@@ -140,14 +134,14 @@ _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the
 def draw_shape(run: Result) -> Figure:
     """Draw the arm over time, and the arm without control at the same scale where it exists."""
     run, about = in_best_frame(run)
-    currents = [find_current(each.dataset, SIDE) for _, each in run.members]
+    currents = [find_current(each, SIDE) for _, each in run.members]
     scale = max(current.scale for current in currents)
-    low, high = _extent([each for _, each in run.members], currents, scale)
+    low, high = _extent(run, currents, scale)
     figure, panels = _panels(low, high, run, about)
-    for axes, (label, each), current in zip(panels, run.members, currents, strict=True):
-        draw_arm(axes, each, SIDE.lift(low), SIDE.lift(high), SIDE)
+    for index, (axes, current) in enumerate(zip(panels, currents, strict=True)):
+        draw_arm(axes, run, index, (SIDE.lift(low), SIDE.lift(high)), SIDE)
         current.draw(axes, scale)
-        axes.set_title(label, loc="left")
+        axes.set_title(run.members[index][0], loc="left")
     if scale > 0.0:
         wide = float(panels[0].get_position().width) * style.WIDTH  # inches
         clear = 0.5 * _KEY * (high - low)[0] / wide
@@ -200,11 +194,11 @@ def _panels(
 
 
 def _extent(
-    members: list[Result], currents: list[CurrentArrows], scale: float
+    run: Result, currents: list[CurrentArrows], scale: float
 ) -> tuple[PaperPoint, PaperPoint]:
     """Corners (m) of a window that contains everything drawn in any panel."""
     points = [current.corners(scale) for current in currents]
-    everything = np.concatenate([*points, SIDE.paper(contents(members))])
+    everything = np.concatenate([*points, SIDE.paper(points_of(run.scene))])
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin = _MARGIN * float((high - low).max())
     low, high = low - margin, high + margin

@@ -10,36 +10,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from crinoid.results.result import Result
-from crinoid.results.scene.data import Point, arm_length
+from crinoid.results.scene.data import Point
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View
 from crinoid.results.units import largest
 from crinoid.view.figures import style
-from crinoid.view.figures.arm import Chosen, draw_arm, mount_points, points_of
+from crinoid.view.figures.arm import Chosen, draw_arm, points_of
 from crinoid.view.figures.perspective import draw_over_time
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
 
-_FAR = 1.5  # travel of the base, of the arm's length, from which on the arm would look small
 _PLACES = ("position", "tip_position", "tip_target", "obstacle_position")
 
 
 def in_best_frame(run: Result) -> tuple[Result, str]:
     """Return a run relative to the world, or to a base that travels far, and words on which."""
-    length = arm_length(run.dataset)
-    if max(base_travel(each.dataset) for _, each in run.members) <= _FAR * length:
+    if not any(each.travels(run.scene.length) for each in run.scene.members):
         return run, ""
-    found, *other = (Result(relative_to_base(each.dataset)) for _, each in run.members)
+    found, *other = (Result(_relative_to_base(each.dataset)) for _, each in run.members)
     found.uncontrolled = other[0] if other else None
     return found, " from the base"
 
 
-def base_travel(data: xr.Dataset) -> float:
-    """Return the largest distance of the base from its start (m), for the choice of the frame."""
-    root = data["position"].isel(node=0)
-    away = root - root.isel(time=0)
-    return float(np.sqrt((away**2).sum("axis")).max())
-
-
-def relative_to_base(data: xr.Dataset) -> xr.Dataset:
+def _relative_to_base(data: xr.Dataset) -> xr.Dataset:
     """Return a result with all positions relative to the base."""
     root = data["position"].isel(node=0, drop=True)
     moved = {
@@ -59,12 +50,12 @@ _CORNER = 0.03  # room between the edge and the key of the water, of the width
 def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bool) -> None:
     """Draw a run in a parallel view, with the arm's shape at chosen records, and a legend."""
     run, about = in_best_frame(Result(data))
-    current = find_current(run.dataset, view)
-    low, high = window(contents([run]), {view: [current]}, current.scale)
+    current = find_current(run, view)
+    low, high = window(points_of(run.scene), {view: [current]}, current.scale)
     (left, bottom), (right, top) = view.paper(low), view.paper(high)
     labels = measured_from(view, about)
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    draw_arm(axes, run, low, high, view, chosen)
+    draw_arm(axes, run, 0, (low, high), view, chosen)
     current.draw(axes, current.scale)
     # the window has room at its top for the legend and below it for the key of the water, and the
     # shape of the axes that are given; axes that share its scale keep what they show
@@ -137,28 +128,28 @@ def draw_sheet(run: Result) -> Figure:
     side, the view from ahead is right of it. A run without control is drawn below.
     """
     run, about = in_best_frame(run)
-    members = [each.dataset for _, each in run.members]
-    currents = {view: [find_current(data, view) for data in members] for view in VIEWS}
+    currents = {view: [find_current(each, view) for _, each in run.members] for view in VIEWS}
     scale = max(current.scale for some in currents.values() for current in some)
-    inside = contents([each for _, each in run.members])
+    inside = points_of(run.scene)
     low, high = window(inside, currents, scale)
     box = box_around(inside)
 
-    alone = len(members) == 1
+    count = len(run.members)
+    alone = count == 1
     block = fit(high - low, style.WIDTH - LEFT - _RIGHT, *((6.6, 2.5) if alone else (4.5, 2.2)))
     below, between = 1.13, 0.95
     above = style.head_height(run.title, run.status, style.WIDTH) + (0.26 if alone else 0.52)
-    inner = len(members) * block.height + (len(members) - 1) * between
+    inner = count * block.height + (count - 1) * between
     figure = Figure(figsize=(style.WIDTH, below + inner + above))
     style.head(figure, run.title, run.status)
 
     flat: list[Axes] = []
-    for index, (label, each) in enumerate(run.members):
-        foot = below + (len(members) - 1 - index) * (block.height + between)
+    for index, (label, _) in enumerate(run.members):
+        foot = below + (count - 1 - index) * (block.height + between)
         panels, corner = block.place(figure, LEFT, foot)
         for view, axes in panels.items():
             frame(axes, view, low, high, block.inch, about)
-            draw_arm(axes, each, low, high, view)
+            draw_arm(axes, run, index, (low, high), view)
             if scale > 0.0 or view is SIDE:  # which else says that the water is still
                 currents[view][index].draw(axes, scale)
         flat += panels.values()
@@ -207,11 +198,6 @@ def frame(axes: Axes, view: View, low: Point, high: Point, inch: float, about: s
     axes.set_xlabel("" if view is ABOVE else across)
     axes.set_ylabel("" if view is AHEAD else up)
     axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
-
-
-def contents(members: list[Result]) -> np.ndarray:
-    """Points that a window must contain to show some runs, without their water."""
-    return np.concatenate([f(each.scene) for each in members for f in (points_of, mount_points)])
 
 
 def window(

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
+from crinoid.results.result import Result
 from crinoid.results.scene.bodies import tool_bodies
 from crinoid.results.scene.clip import convex_outline, obstacle_outline, shows_edge
 from crinoid.results.scene.data import (
@@ -25,11 +25,10 @@ from crinoid.results.scene.data import (
 )
 from crinoid.results.scene.mesh import Facets
 from crinoid.results.scene.projection import PaperPoints, View
-from crinoid.results.scene.scene import CALM, REACH, Keyframes, arrow_nodes, arrow_starts
+from crinoid.results.scene.scene import CALM, NEAR, REACH, Keyframes, arrow_nodes, arrow_starts
 from crinoid.results.units import largest, round_down
 from crinoid.view.figures import style
 
-_NEAR = 0.35  # how far beyond the arm's shapes a window shows obstacles, of the arm's length
 _BEHIND = 0.04  # depth shown behind a wall, of the arm's length
 
 
@@ -154,7 +153,7 @@ def obstacle_points(
     obstacles: Sequence[Obstacle], shapes: Float[np.ndarray, "point axis=3"], length: float
 ) -> Float[np.ndarray, "corner axis=3"]:
     """Points that a window must contain to show the obstacles, as far as they are near the arm."""
-    low, high = shapes.min(axis=0) - _NEAR * length, shapes.max(axis=0) + _NEAR * length
+    low, high = shapes.min(axis=0) - NEAR * length, shapes.max(axis=0) + NEAR * length
     middle = (low + high)[None, None] / 2
     points = [np.empty((0, 3))]
     for obstacle in obstacles:
@@ -217,11 +216,12 @@ def draw_key(axes: Axes, corner: Float[np.ndarray, "axis=2"], fastest: float, sc
     axes.annotate(f"water {speed:g} m/s", place, (-5, 0), annotation_clip=False, **look)
 
 
-def find_current(data: xr.Dataset, view: View) -> CurrentArrows:
+def find_current(run: Result, view: View) -> CurrentArrows:
     """Place the arrows of the flow along the arm, and choose their scale.
 
     The arrows start next to all that the arm sweeps, so that neither hides the other.
     """
+    data = run.dataset
     nothing = CurrentArrows(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 0, 2)), 0.0)
     if "flow_velocity" not in data:
         return nothing

@@ -11,15 +11,8 @@ from crinoid.results.report_error import ReportError
 from crinoid.results.scene.data import Point, Points, even_indices
 from crinoid.results.scene.mount import Path
 from crinoid.results.scene.projection import View
-from crinoid.results.scene.scene import Keyframes, Scene
-from crinoid.view.film.settings import (
-    FORMATS,
-    NEAR,
-    SPEEDS,
-    TRAVELS,
-    CameraSettings,
-    require_within,
-)
+from crinoid.results.scene.scene import NEAR, Keyframes, Scene
+from crinoid.view.film.settings import FORMATS, SPEEDS, CameraSettings, require_within
 
 _MARGIN = 1.12
 _FAR = 2.2  # the eye's distance, of the diagonal of the window
@@ -60,12 +53,11 @@ def camera_of(
 
 def followed_path(scene: Scene, wish: str | None) -> Path:
     """Return the path that the camera follows, by default of a base that moves far; or zero."""
-    position = scene.members[0].position
-    root, still = position[:, 0], np.zeros((len(position), 3))
-    if wish is None:
-        distance = np.linalg.norm(root - root[0], axis=1).max()
-        return root if distance > TRAVELS * scene.length else still
-    return {"base": root, "tip": position[:, -1], "none": still}[wish]
+    run = scene.members[0]
+    wish = wish or ("base" if run.travels(scene.length) else "none")
+    position = run.position
+    still = np.zeros((len(position), 3))
+    return {"base": position[:, 0], "tip": position[:, -1], "none": still}[wish]
 
 
 def cloud_of(scene: Scene, members: Sequence[Keyframes], path: Path) -> Points:

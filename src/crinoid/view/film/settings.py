@@ -22,11 +22,6 @@ RAMPS = {
     "two": ("#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"),
 }
 """Colours along the arm of values with one sign, and with two."""
-TRAVELS, NEAR = 1.5, 0.35
-"""Travel of a base from which on it is followed, and distance from the arm within which obstacles
-are shown, of the arm's length."""
-SHARED = {"PRESETS": PRESETS, "SPEEDS": SPEEDS, "RAMPS": RAMPS, "TRAVELS": TRAVELS, "ROOM": NEAR}
-"""What pages have in common with films."""
 FOLLOWED = ("none", "tip", "base")
 OTHER = ("ghost", "beside", "none")
 """Ways to draw the run without control."""

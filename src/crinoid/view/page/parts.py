@@ -17,8 +17,9 @@ from jaxtyping import Float
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.results.own_files import is_own
 from crinoid.results.report_error import ReportError
+from crinoid.results.scene.scene import NEAR, TRAVELS
 from crinoid.results.table import RunSummary
-from crinoid.view.film.settings import SHARED
+from crinoid.view.film.settings import PRESETS, RAMPS, SPEEDS
 
 PAGE = "report.html"
 
@@ -122,9 +123,12 @@ def json_of(value: Any) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
+_SHARED = {"PRESETS": PRESETS, "SPEEDS": SPEEDS, "RAMPS": RAMPS, "TRAVELS": TRAVELS, "ROOM": NEAR}
+
+
 def join_scripts(*names: str) -> str:
     """Return a script that joins files of some names, after what pages share with films."""
-    parts = "".join(f"const {name} = {json_of(value)};\n" for name, value in SHARED.items())
+    parts = "".join(f"const {name} = {json_of(value)};\n" for name, value in _SHARED.items())
     parts += "\n".join(read_part(f"{name}.js") for name in names)
     return f'"use strict";\n(() => {{\n{parts}\n}})();'
 

@@ -66,7 +66,7 @@ def contact_chart(run: Result) -> Chart | None:
 def _bodies(label: str, result: Result) -> Iterator[_Body]:
     data = result.dataset
     behind, count, time = label == "without control", 0, data["time"].values
-    if "contact_force" in data:
+    if set(_VARIABLES) <= set(data):
         count, steps = data.sizes["obstacle"], np.diff(time)
         names = [each.label for each in find_obstacles(result)]
         for index in range(count):
