@@ -16,7 +16,7 @@ from crinoid.actuation import drives
 from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import Prepared, at_rest
-from crinoid.compilation import SOMETIMES, compiled
+from crinoid.compilation import OFTEN, compiled
 from crinoid.control import pose_error
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.results.effort import CostWeights
@@ -73,7 +73,7 @@ def _see(
     )
 
 
-@compiled(**SOMETIMES)
+@compiled(**OFTEN)
 def measures(
     loop: Loop,
     numbers: Numbers,
