@@ -6,6 +6,7 @@ from scipy import stats
 
 import crinoid
 from crinoid.foundation.result_variables import quantity
+from crinoid.results.effort import CostWeights
 from crinoid.results.errors import settling_time, tip_error
 from crinoid.results.extremes import Gumbel
 from crinoid.results.loads import bending_cycles
@@ -260,10 +261,14 @@ def test_measures_with_derivatives_are_those_of_the_result(dimension):
     loads = [
         run.dataset[name].values.reshape(TIME.size, -1) for name in ("base_force", "base_moment")
     ]
-    seen = SeenMotion(TIME, *apart, *loads, np.zeros((TIME.size, 1)), 1000)
+    run.dataset["tip_target"] = quantity("tip_target", 0.0 * tip, dimension)
+    command = random.normal(0.0, 0.2, (TIME.size, run.dataset["channel"].size))
+    run.dataset["base_command"] = quantity("base_command", command, dimension)
+    weights = CostWeights.of(run.scenario, run.dataset["channel_unit"].values)
+    seen = SeenMotion(TIME, *apart, *loads, np.zeros((TIME.size, 1)), command, 1000, weights)
     names = [name for name, each in MEASURES.items() if each.smooth and name != "max_pressure"]
     found = {name: float(smooth_measure(MEASURES[name].smooth)(seen)) for name in names}
-    assert len(found) == 9
+    assert len(found) == 10
     assert found == pytest.approx({name: measure(name, run) for name in names}, abs=1e-11)
 
 

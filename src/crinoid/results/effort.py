@@ -146,12 +146,12 @@ def control_cost(result: Result) -> float | None:
     `CostWeights`. Speeds are means between saved instants.
     """
     data, counted = result.dataset, judged(result)
-    if counted.sum() < 2 or not {"tip_direction_target", "tip_angle_target"} & set(data):
+    turning = "tip_angle" if data.sizes["axis"] == 2 else "tip_direction"
+    if counted.sum() < 2 or not {f"{turning}_target", "tip_target", "base_command"} <= set(data):
         return None
-    if data.sizes["axis"] == 2:
-        turn = short_way((data["tip_angle"] - data["tip_angle_target"]).values)[:, None]
-    else:
-        turn = (data["tip_direction"] - data["tip_direction_target"]).values
+    turn = (data[turning] - data[f"{turning}_target"]).values.reshape(counted.size, -1)
+    if turning == "tip_angle":
+        turn = short_way(turn)
     error = np.hstack([(data["tip_position"] - data["tip_target"]).values, turn])
     command = data["base_command"].values
     if "actuator_command" in data:

@@ -107,7 +107,7 @@ def angle_between(
     return np.asarray(np.arctan2(sine, np.sum(one * other, axis=-1)))
 
 
-def short_way(turn: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+def short_way(turn: Float[np.ndarray, "*time"]) -> Float[np.ndarray, "*time"]:
     """Return turns (rad) the short way round, from -pi to pi."""
     return np.asarray(turn - 2 * np.pi * np.round(turn / (2 * np.pi)))
 
