@@ -91,14 +91,14 @@ def arc(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("over", "rest"),
+    ("acts_on", "over", "rest"),
     [
-        # the loop is designed anew; at rest only its numbers change
-        (("control.pid.slide.ki=0.1:2", "control.pid.lift.ki=0.1:2:log"), False),
-        (("arm.youngs_modulus=5e5:2e6", "chamber.0.max_pressure=1e4:4e4"), True),
+        ("controller", ("control.pid.slide.ki=0.1:2", "control.pid.lift.ki=0.1:2:log"), False),
+        ("all", ("control.pid.slide.ki=0.1:2", "target.tip.0=0.45:0.48"), False),
+        ("numbers", ("arm.youngs_modulus=5e5:2e6", "chamber.0.max_pressure=1e4:4e4"), True),
     ],
 )
-def test_derivatives_are_those_of_differences_of_runs(over, rest):
+def test_derivatives_are_those_of_differences_of_runs(acts_on, over, rest):
     scenario = LOOP.with_values({"control.compare": False})
     if rest:
         schedule = {"time": [0, 1], "share": [0.5, 0.5]}
@@ -112,6 +112,7 @@ def test_derivatives_are_those_of_differences_of_runs(over, rest):
     ranges = Ranges(scenario, over)
     search = Optimisation(scenario, ranges, goal, 1, 1, rest=rest)
     loop = SmoothLoop(scenario, ranges, [3], rest=rest)
+    assert loop.acts_on == acts_on
     point, h = np.array([0.4, 0.6]), 1e-3
     steps = [h * axis for axis in np.eye(2)]
     points = [point, *(point + step for step in steps), *(point - step for step in steps)]

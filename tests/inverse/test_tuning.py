@@ -104,7 +104,7 @@ def test_the_slope_of_the_cost_is_that_of_central_differences_of_runs(kind, monk
         names = [f"control.{kind}.{name}" for name in ("smoothness", "integral_time")]
         assert list(tunable_numbers(scenario)) == names
     loop, tuning = loop_of(scenario)
-    assert loop.designed == (kind != "pid")
+    assert loop.acts_on == "controller"
     start, forms, h = tuning.ranges.start, ("smooth:control_cost",), 2e-5
     values, slopes = loop.measures(start, forms)
     runs = TrialRuns(tuning.goal, [3, 4], lambda: False, rest=False)

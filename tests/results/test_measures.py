@@ -264,7 +264,7 @@ def test_measures_with_derivatives_are_those_of_the_result(dimension):
     run.dataset["tip_target"] = quantity("tip_target", 0.0 * tip, dimension)
     command = random.normal(0.0, 0.2, (TIME.size, run.dataset["channel"].size))
     run.dataset["base_command"] = quantity("base_command", command, dimension)
-    weights = CostWeights.of(run.scenario, run.dataset["channel_unit"].values)
+    weights = CostWeights.of(run.scenario, list(run.dataset["channel_unit"].values))
     seen = SeenMotion(TIME, *apart, *loads, np.zeros((TIME.size, 1)), command, 1000, weights)
     names = [name for name, each in MEASURES.items() if each.smooth and name != "max_pressure"]
     found = {name: float(smooth_measure(MEASURES[name].smooth)(seen)) for name in names}

@@ -55,8 +55,11 @@ class GradientSearch:
 
         return start if self._margin is None else nearest(excess, start, self._step)
 
-    def descend(self, start: Point, trials: int, keep: Callable[[Point, Found], None]) -> None:
-        """Improve a start; ``keep`` receives the measures of each trial."""
+    def descend(self, start: Point, trials: int, keep: Callable[[Point, Found], None]) -> bool:
+        """Improve a start; return whether more trials were asked for.
+
+        ``keep`` receives the measures of each trial.
+        """
         left, draws = trials, len(self._loop.seeds)
         limits = (len(self._goal.smooth) - 1) * draws
         none, nothing = np.zeros(limits), np.zeros((limits, start.size))
@@ -90,6 +93,8 @@ class GradientSearch:
 
         with suppress(StopIteration):
             constrain(attempt, self.begin(start), self._step, _ENOUGH)
+            return False
+        return True
 
     def _value(self, mean: float, slope: Point) -> tuple[float, Point]:
         if self._scale is None:

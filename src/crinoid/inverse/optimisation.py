@@ -32,6 +32,8 @@ STEP = 0.2
 """First step of a search by gradients."""
 STARTS = 4
 """Number of starts of a search by gradients: the given values, and points that fill the ranges."""
+_TOGETHER = 2 / 3
+"""Share of the trials in which all starts are improved; the others improve the best point."""
 _LOOK = 1e-3
 """Step of a coordinate in the differences of runs, with which gradients are compared."""
 _VALUE, _SLOPE = 0.01, 0.2
@@ -102,6 +104,8 @@ class Optimisation:
             sampler = qmc.Sobol(len(ranges.keys), rng=scenario.seed)
             self.starts += list(sampler.random(STARTS)[1:])
         self.runs = TrialRuns(goal, self.seeds, self._stop, rest=rest, margin=margin)
+        self.ended_early = False
+        """Whether a search by gradients had no trials left."""
         self.random = True
         """Whether draws differ, as far as is known."""
         self._poll: Callable[[], None] = lambda: None
@@ -139,14 +143,6 @@ class Optimisation:
         if self.best is None or self.goal.violation(self.best.found) > 0:
             return np.nan
         return float(self.best.found[0].mean())
-
-    @property
-    def ended_early(self) -> bool:
-        """Whether a search by gradients had no trials left at the start of the best one."""
-        if self.best is None or self.why or self._stopped.is_set():
-            return False
-        tried = sum(trial.start == self.best.start for trial in self.trials)
-        return tried >= self.total // STARTS
 
     def _look(self) -> bool:
         """Run with the given values, and choose the search; return whether they can be run."""
@@ -215,21 +211,27 @@ class Optimisation:
         return ""
 
     def _by_gradients(self) -> None:
-        trials = max(1, self.total // STARTS)
+        """Improve all starts, then the best point so far with the trials that are left."""
 
-        def descend(number: int) -> None:
+        def descend(number: int, start: Point, trials: int) -> bool:
             def keep(point: Point, found: Found) -> None:
                 self._keep(Trial(point, number, found))
 
-            self._search.descend(self.starts[number], trials, keep)
+            return self._search.descend(start, trials, keep)
 
+        first = max(1, round(_TOGETHER * self.total / STARTS))
         with ThreadPoolExecutor(STARTS) as pool:
             try:
-                results([pool.submit(descend, number) for number in range(STARTS)], self._poll)
+                starts = enumerate(self.starts)
+                results([pool.submit(descend, *each, first) for each in starts], self._poll)
+                self.runs.failure = self.runs.failure or self._search.failure
+                left = self.total - STARTS * first
+                if self.best is not None and left > 0:
+                    last = pool.submit(descend, self.best.start, self.best.point, left)
+                    (self.ended_early,) = results([last], self._poll)
             except BaseException:
                 self._stopped.set()
                 raise
-        self.runs.failure = self.runs.failure or self._search.failure
 
     def _without_gradients(self) -> None:
         keys, generation = len(self.ranges.keys), 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -13,11 +14,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.actuation import drives
-from crinoid.assembly.parameters import Parameters
+from crinoid.assembly.control_loop import build_controller
+from crinoid.assembly.parameters import Parameters, PidParameters
 from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.compilation import OFTEN, compiled
-from crinoid.control import pose_error
+from crinoid.control import Controller, pose_error
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.results.effort import CostWeights
 from crinoid.results.errors import judged_at
@@ -36,7 +38,7 @@ _FEW = 3
 """Keys for each measure up to which forward mode is faster: it costs half a run for each key,
 reverse mode two runs for each measure."""
 _KEPT = 64
-"""Number of points whose loops are kept."""
+"""Number of points whose controllers are kept."""
 
 
 Numbers = tuple[Parameters | Loop, Float[Array, " thread"]]
@@ -141,9 +143,9 @@ class SmoothLoop:
     """Closed loop of some draws, or its equilibrium, with derivatives of measures.
 
     The derivatives of the loop's arrays by the keys are central differences, which need no run;
-    those of the measures by the arrays go through every time step. Where a key acts on the
-    scenario's numbers alone (`crinoid.with_parameters`), the loop is not designed again; where it
-    acts on the controller alone, all draws have that of the first one.
+    those of the measures by the arrays go through every time step. Where the keys act on the
+    controller alone, it is designed once for all draws; where they act on the scenario's numbers
+    alone (`crinoid.with_parameters`), nothing is designed again.
     """
 
     def __init__(
@@ -151,7 +153,8 @@ class SmoothLoop:
     ) -> None:
         self._ranges, self._rest, self.seeds = ranges, rest, seeds
         self._prepared = [self._at(scenario, seed) for seed in seeds]
-        self._loops = [set_up(each, notes=False).loop for each in self._prepared]
+        setups = [set_up(each, notes=False) for each in self._prepared]
+        self._loops, self._plan = [each.loop for each in setups], setups[0].plan
         simulation, stride = scenario.simulation, scenario.output_steps
         saved = scenario.output_interval * np.arange(simulation.steps // stride + 2)
         self._instants = SeenInstants(
@@ -162,13 +165,17 @@ class SmoothLoop:
             CostWeights.of(scenario, [each.unit for each in self._loops[0].system.inputs]),
         )
         self._moving: set[int] = set()
-        self._design = lru_cache(_KEPT)(self._design_at)
+        self._controller = lru_cache(_KEPT)(self._build_controller)
         steps = np.diag(np.where(ranges.start > 0.5, -_STEP, _STEP))
-        points = [ranges.start + step for step in steps]
-        loops = [self._design(each.tobytes()) for each in points]
-        self.designed = not all(map(_same, loops, map(self._with_numbers, points)))
-        """Whether another point has another design of the controller, target or sensors."""
-        self._shared = all(_same(each, self._with_controller(0, each)) for each in loops)
+        others = [(point, self._set_up(point, 0)) for point in ranges.start + steps]
+        self.acts_on = "all"
+        """What the keys act on: the controller, the scenario's numbers, or all of the loop."""
+        if all(key.startswith("control.") for key in ranges.keys) and all(
+            _same(loop, self._with_controller(point, 0)) for point, loop in others
+        ):
+            self.acts_on = "controller"
+        elif all(_same(loop, self._with_numbers(point, 0)) for point, loop in others):
+            self.acts_on = "numbers"
 
     def measures(
         self, point: Point, forms: tuple[str, ...]
@@ -185,68 +192,77 @@ class SmoothLoop:
         ScenarioError
             If the values of a point exclude each other.
         """
-        found, reverse = [], point.size > _FEW * len(forms)
+        found, slopes, reverse = [], None, point.size > _FEW * len(forms)
         for draw, loop in enumerate(self._loops):
-            tangents, numbers = [], self._numbers(point, draw)
-            for *ends, width in _ends(point):
-                pair = [eqx.filter(self._numbers(end, draw), eqx.is_inexact_array) for end in ends]
-                _require_same_structure(*pair)
-                tangents.append(jax.tree.map(lambda a, b, w=width: _slope(a, b, w), *pair))
-            slopes = self._only_moving(jax.tree.map(lambda *each: np.stack(each), *tangents))
+            if slopes is None or self.acts_on != "controller":
+                slopes = self._slopes(point, draw)
+            numbers = self._numbers(point, draw)
             found.append(measures(loop, numbers, slopes, forms, self._instants, reverse=reverse))
         values, gradients = (np.stack(each, axis=1) for each in zip(*found, strict=True))
         return values, gradients
 
-    def _only_moving(self, slopes: Any) -> Any:
-        """Return the slopes without leaves that were constant at all points so far.
+    def neighbours(self, point: Point) -> Neighbours:
+        """Return the loop of the first draw at a point, and loops about it."""
+        ends = _ends(point)
+        pairs = [(self._loop(one, 0), self._loop(other, 0)) for one, other, _ in ends]
+        return Neighbours(self._loop(point, 0), pairs, np.array([width for *_, width in ends]))
 
-        Derivatives by them would cost time, and another set of leaves another compilation.
+    def _slopes(self, point: Point, draw: int) -> Any:
+        """Return the derivatives of the numbers by each key, with the keys as first axis.
+
+        None for leaves that were constant at all points so far: derivatives by them would cost
+        time, and another set of leaves another compilation.
         """
-        leaves, structure = jax.tree.flatten(slopes)
+        found = []
+        for *ends, width in _ends(point):
+            pair = [eqx.filter(self._numbers(end, draw), eqx.is_inexact_array) for end in ends]
+            _require_same_structure(*pair)
+            found.append(jax.tree.map(lambda a, b, w=width: _slope(a, b, w), *pair))
+        leaves, structure = jax.tree.flatten(jax.tree.map(lambda *each: np.stack(each), *found))
         self._moving |= {index for index, leaf in enumerate(leaves) if leaf.any()}
         moving = self._moving or range(len(leaves))
         kept = [leaf if index in moving else None for index, leaf in enumerate(leaves)]
         return jax.tree.unflatten(structure, kept)
 
-    def neighbours(self, point: Point) -> Neighbours:
-        """Return the loop of the first draw at a point, and loops about it."""
-        ends = _ends(point)
-        pairs = [(self._loop(one), self._loop(other)) for one, other, _ in ends]
-        return Neighbours(self._loop(point), pairs, np.array([width for *_, width in ends]))
+    def _numbers(self, point: Point, draw: int) -> Numbers:
+        chambers = self._ranges.scenario(point).chamber
+        pressures = [0.0 if each.lined else each.max_pressure for each in chambers]
+        numbers = self.acts_on == "numbers"
+        first = self._moved(point, draw).parameters if numbers else self._loop(point, draw)
+        return first, jnp.asarray(np.array(pressures))
 
-    def _at(self, scenario: Scenario, seed: int) -> Prepared:
-        changed = scenario.with_values({"seed": seed})
-        return Prepared(at_rest(changed) if self._rest else changed)
+    def _loop(self, point: Point, draw: int) -> Loop:
+        ways = {
+            "controller": self._with_controller,
+            "numbers": self._with_numbers,
+            "all": self._set_up,
+        }
+        return ways[self.acts_on](point, draw)
 
-    def _moved(self, point: Point, draw: int = 0) -> Prepared:
+    def _with_controller(self, point: Point, draw: int) -> Loop:
+        controller = self._controller(point.tobytes())
+        return eqx.tree_at(lambda x: x.controller, self._loops[draw], controller)
+
+    def _build_controller(self, point: bytes) -> Controller:
+        scenario = self._ranges.scenario(np.frombuffer(point))
+        pid = PidParameters.of(scenario)
+        parameters = eqx.tree_at(lambda x: x.pid, self._plan.parameters, pid)
+        return build_controller(replace(self._plan, scenario=scenario, parameters=parameters))
+
+    def _with_numbers(self, point: Point, draw: int) -> Loop:
+        return with_parameters(self._loops[draw], self._moved(point, draw).parameters)
+
+    def _set_up(self, point: Point, draw: int) -> Loop:
+        return set_up(self._moved(point, draw), notes=False).loop
+
+    def _moved(self, point: Point, draw: int) -> Prepared:
         prepared = self._prepared[draw]
         changed = self._at(self._ranges.scenario(point), prepared.scenario.seed)
         return prepared.with_scenario(changed.scenario)
 
-    def _numbers(self, point: Point, draw: int) -> Numbers:
-        moved = self._moved(point, draw)
-        pressures = [
-            0.0 if chamber.lined else chamber.max_pressure for chamber in moved.scenario.chamber
-        ]
-        first: Parameters | Loop = moved.parameters
-        if self.designed and draw and not self._shared:
-            first = set_up(moved, notes=False).loop
-        elif self.designed:
-            design = self._design(point.tobytes())
-            first = self._with_controller(draw, design) if draw else design
-        return first, jnp.asarray(np.array(pressures))
-
-    def _loop(self, point: Point) -> Loop:
-        return self._design(point.tobytes()) if self.designed else self._with_numbers(point)
-
-    def _design_at(self, point: bytes) -> Loop:
-        return set_up(self._moved(np.frombuffer(point)), notes=False).loop
-
-    def _with_numbers(self, point: Point) -> Loop:
-        return with_parameters(self._loops[0], self._moved(point).parameters)
-
-    def _with_controller(self, draw: int, other: Loop) -> Loop:
-        return eqx.tree_at(lambda x: x.controller, self._loops[draw], other.controller)
+    def _at(self, scenario: Scenario, seed: int) -> Prepared:
+        changed = scenario.with_values({"seed": seed})
+        return Prepared(at_rest(changed) if self._rest else changed)
 
 
 def _ends(point: Point) -> list[tuple[Point, Point, float]]:

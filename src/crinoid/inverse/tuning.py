@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from crinoid.inverse import StoppedError
 from crinoid.inverse.goal import Goal
-from crinoid.inverse.optimisation import STARTS, STEP, Optimisation, Report
+from crinoid.inverse.optimisation import STEP, Optimisation, Report
 from crinoid.inverse.ranges import Ranges
 from crinoid.inverse.stability import StabilityMargin
 from crinoid.inverse.trial_runs import TrialRuns
@@ -24,6 +24,8 @@ __all__ = ["Tuning", "tunable_numbers"]
 
 _FACTORS = (1.0, 2.0, 16.0, 0.25)
 """Factors on the numbers of the scenario, one for each start."""
+_ROUNDS = 3
+"""Trials for each iteration: half a trial of each start, and one of the best point."""
 _MOST = 1e3
 """Largest factor on a number, or divisor."""
 _WIDTH = 2 * math.log(_MOST)
@@ -62,7 +64,7 @@ class Tuning(Optimisation):
             ranges,
             Goal(scenario, COST, (), margin),
             seeds,
-            iterations * STARTS,
+            _ROUNDS * iterations,
             rest=False,
             margin=StabilityMargin(scenario, margin) if margin else None,
         )
