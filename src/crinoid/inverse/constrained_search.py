@@ -12,7 +12,7 @@ _FAILED = 5.0
 """Value of a failed trial, above the largest one so far."""
 _NEAR = 0.01
 """Excess of a point that is near enough."""
-_NEAREST_TRIALS = 60
+_NEAREST_TRIALS = 20
 """Largest number of trials of `nearest`."""
 _FAR = 0.2
 """Distance of a step, in `nearest`."""
