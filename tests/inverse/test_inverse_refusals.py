@@ -53,7 +53,7 @@ COMMANDS = {
     f"{OVER} --for rms_error --seeds 0": "--seeds: got 0; must be at least 1",
     "tune arm.toml": 'control.kind: got "none"; must be "pid", "lqg" or "mpc"',
     "tune arm.toml --set control={'kind'='pid','pid'={'tilt'={}}}": "control.pid: has no gains",
-    "tune arm.toml --set vary={'arm.length'=[1,2]}": "vary: tuning needs a single case. Omit vary",
+    "tune station-keeping --set vary={'arm.length'=[1,2]}": "vary: a tuning is of one case",
     "tune station-keeping --seeds=0": "--seeds: got 0; must be at least 1",
     "tune station-keeping --iterations=0": "--iterations: got 0; must be at least 1",
     "tune station-keeping --margin=1": "--margin: got 1",

@@ -1,5 +1,6 @@
 """Tuning of gains: cost and its slope, the margin, the search, and what the command writes."""
 
+import json
 import os
 import signal
 
@@ -12,7 +13,7 @@ from crinoid.analysis.margins import find_margins
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.folder import check_own
 from crinoid.inverse import StoppedError, smooth_loop
-from crinoid.inverse.constrained_search import SearchTrial, constrain, nearest
+from crinoid.inverse.constrained_search import SearchTrial, constrain, move_inside
 from crinoid.inverse.smooth_loop import SmoothLoop
 from crinoid.inverse.stability import StabilityMargin
 from crinoid.inverse.trial_runs import TrialRuns
@@ -173,7 +174,7 @@ def test_the_search_keeps_the_best_gains_and_leaves_those_that_fail(in_a_bowl):
     assert [*tuning.numbers().values()] == pytest.approx([0.2, 1.0, 1.0], rel=0.05)
 
 
-def test_the_nearest_allowed_point_is_sought_in_a_limited_number_of_tries():
+def test_a_point_inside_is_sought_in_a_limited_number_of_tries():
     """Where none keeps the margin: the least excess of all that were looked at."""
     seen, centre = [], np.array([0.5, 0.6])
 
@@ -182,7 +183,7 @@ def test_the_nearest_allowed_point_is_sought_in_a_limited_number_of_tries():
         seen.append(1 + float(np.abs(away).sum()) ** 0.5)
         return seen[-1], np.sign(away) / (2 * (seen[-1] - 1))
 
-    found = nearest(excess, np.array([0.7, 0.5]), 0.02)
+    found = move_inside(excess, np.array([0.7, 0.5]), 0.02)
     assert len(seen) <= 20
     assert 1 + float(np.abs(found - centre).sum()) ** 0.5 == min(seen) < seen[0]
 
@@ -206,7 +207,8 @@ def test_a_constraint_is_met_where_the_cost_wants_beyond_it():
         away = 4 * (x - centre)
         return 0.5 * float(away @ away - 1), 4 * away
 
-    np.testing.assert_allclose(4 * (nearest(excess, begin, 0.05) - centre), [0.6, 0.8], atol=0.02)
+    found = move_inside(excess, begin, 0.05)
+    np.testing.assert_allclose(4 * (found - centre), [0.6, 0.8], atol=0.02)
 
 
 @pytest.mark.slow
@@ -293,6 +295,28 @@ def test_nothing_is_written_where_nothing_can_be_run(tmp_path, monkeypatch):
     assert ended.exit_code == 3
     assert "failed at t = 0.14 s" in ended.output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_given_gains_that_cannot_be_run_are_tuned_for_a_margin(tmp_path, monkeypatch, in_a_bowl):
+    """Their measures are unknown, and the search begins at others."""
+    runs, calls = TrialRuns.__call__, []
+
+    def failing_first(self, scenarios, seeds=None):
+        found = runs(self, scenarios, seeds)
+        if not calls:
+            self.failure, found[:] = "failed at t = 0.33 s", np.nan
+        calls.append(self)
+        return found
+
+    monkeypatch.setattr(TrialRuns, "__call__", failing_first)
+    (tmp_path / "small.toml").write_text(SCENARIO.to_toml())
+    numbers = ("--seeds", 1, "--iterations", 4, "--margin", 0.1)
+    ended = call("tune", tmp_path / "small.toml", *numbers, "--out", tmp_path / "out")
+    assert ended.exit_code == 0, ended.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["measures"]["control_cost"]["before"] == [None]
+    assert summary["measures"]["control_cost"]["after"][0] < 9.0
 
 
 # --- the command -----------------------------------------------------------------------------

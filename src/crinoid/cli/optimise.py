@@ -21,6 +21,7 @@ from crinoid.inverse.goal import Goal
 from crinoid.inverse.optimisation import Optimisation
 from crinoid.inverse.ranges import Ranges
 from crinoid.results.measure_labels import plain_unit
+from crinoid.results.metrics import known
 from crinoid.results.summary import SUMMARY_JSON
 from crinoid.scenario import ScenarioText, counted
 
@@ -107,7 +108,7 @@ def search_and_save(
         status = Status.OK.value
         if stopped:
             words = f"after {counted(len(search.trials), 'trial')}; the best so far is saved"
-            status = f"{Status.INTERRUPTED} {words}"
+            status = "; ".join([f"{Status.INTERRUPTED} {words}", *missed])
         elif missed:
             status = f"no trial keeps all limits: {'; '.join(missed)}"
         words = f"numbers by `crinoid {names.command}`, for {measure}"
@@ -139,9 +140,11 @@ def optimisation_table(search: Optimisation, more: Sequence[Sequence[str]] = ())
     before, after = search.given, search.best.found
     units = (plain_unit(each.unit) for each in search.goal.measures)
     unit = [f" ({each})" if each else "" for each in units]
-    rows.append((f"{search.goal.names[0]}{unit[0]}", _mean(before[0]), _mean(after[0])))
+    rows.append(
+        (f"{search.goal.names[0]}{unit[0]}", _text(before[0].mean()), _text(after[0].mean()))
+    )
     for number, limit in enumerate(search.goal.limits, start=1):
-        worst = (f"{max(limit.sign * x[number]) * limit.sign:.4g}" for x in (before, after))
+        worst = (_text(max(limit.sign * x[number]) * limit.sign) for x in (before, after))
         rows.append((f"{limit}{unit[number]}", *worst))
     title = f"{search.scenario.title} ({search.method})"
     heads = ("", "before", "after", "without\ncontrol")
@@ -150,8 +153,12 @@ def optimisation_table(search: Optimisation, more: Sequence[Sequence[str]] = ())
     return new_table(title, heads[:count], [(*row, *[""] * (count - len(row))) for row in rows])
 
 
-def _mean(values: np.ndarray) -> str:
-    return f"{values.mean():.4g}"
+def _text(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "-"
+
+
+def _known(values: np.ndarray) -> list[float | None]:
+    return [known(value) for value in values.tolist()]
 
 
 def _summary(search: Optimisation, status: str) -> dict[str, Any]:
@@ -170,10 +177,10 @@ def _summary(search: Optimisation, status: str) -> dict[str, Any]:
         "given": dict(zip(search.ranges.keys, given, strict=True)),
         "at_end": [key for key, place in places.items() if abs(place - round(place)) < 1e-3],
         "measures": {
-            name: {"unit": measure.unit, "before": list(before), "after": list(after)}
+            name: {"unit": measure.unit, "before": _known(before), "after": _known(after)}
             for name, measure, before, after in zip(
-                search.goal.names, search.goal.measures, search.given.tolist(),
-                search.best.found.tolist(), strict=True,
+                search.goal.names, search.goal.measures, search.given, search.best.found,
+                strict=True,
             )
         },
         "limits": [str(limit) for limit in search.goal.limits],

@@ -137,10 +137,8 @@ def run_sweep(
             except WorkerPoolError as error:
                 return f"{error}; {_saved(plan, done)}"
     numbers = {name: data[name].values for name in measures_of(plan.scenario)}
-    means, notes = (
-        SeedTables(plan, range(1, plan.runs + 1), numbers),
-        () if has_zarr() else _NO_ZARR,
-    )
+    means = SeedTables(plan, range(1, plan.runs + 1), numbers)
+    notes = () if has_zarr() else _NO_ZARR
     say_written([*files, *means.show(sweep_table(data, shares), folder, notes)])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():

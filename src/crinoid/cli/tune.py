@@ -63,9 +63,9 @@ def _notes(search: Tuning) -> list[str]:
     (before, after, _), (_, error, free) = (x.mean(axis=1) for x in search.held_out.swapaxes(0, 1))
     if after > before:
         if search.given is not None and search.goal.violation(search.given) > 0:
-            notes.append("it costs more than before, as it had less margin then")
+            notes.append("the tuned controller costs more, because the given one lacks the margin")
         elif search.random:
-            notes.append("in draws that were not tuned for it is worse: use more --seeds")
+            notes.append("the tuned controller costs more in other draws: use more --seeds")
     if error > _LITTLE * free:
         other = 'control.kind = "lqg"' if search.scenario.control.kind == "pid" else "another kind"
         notes.append(

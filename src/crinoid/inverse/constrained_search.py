@@ -13,9 +13,9 @@ _FAILED = 5.0
 _NEAR = 0.01
 """Excess of a point that is near enough."""
 _NEAREST_TRIALS = 20
-"""Largest number of trials of `nearest`."""
+"""Largest number of trials of `move_inside`."""
 _FAR = 0.2
-"""Distance of a step, in `nearest`."""
+"""Distance of a step, in `move_inside`."""
 
 Point = Float[np.ndarray, " number"]
 """Numbers from 0 to 1."""
@@ -71,8 +71,8 @@ def constrain(
     )
 
 
-def nearest(excess: Callable[[Point], tuple[float, Point]], begin: Point, step: float) -> Point:
-    """Return the nearest point without excess, or that of least excess among the trials.
+def move_inside(excess: Callable[[Point], tuple[float, Point]], begin: Point, step: float) -> Point:
+    """Return a near point without excess, or that of least excess among the trials.
 
     An ``excess`` of 1 and more is that of a point so far from the limit that its distance does not
     count.

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 
 import numpy as np
 from jaxtyping import Float
 
 from crinoid.inverse import StoppedError
-from crinoid.inverse.constrained_search import SearchTrial, constrain, nearest
+from crinoid.inverse.constrained_search import SearchTrial, constrain, move_inside
 from crinoid.inverse.goal import Goal
 from crinoid.inverse.ranges import Point
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
@@ -19,6 +18,9 @@ from crinoid.scenario import ScenarioError
 _ENOUGH = 1e-6
 """Change of what is minimised at which a search ends."""
 
+_REFUSALS = (StructureError, ScenarioError, RuntimeError)
+"""Errors of a point that cannot be tried."""
+
 Found = Float[np.ndarray, "measure draw"]
 _Rows = tuple[Float[np.ndarray, " row"], Float[np.ndarray, " row"], Float[np.ndarray, "row key"]]
 
@@ -27,7 +29,7 @@ class GradientSearch:
     """Improves points by gradients of the measures of a loop.
 
     It minimises the mean of the first measure over the draws, over its ``scale``, or the logarithm
-    of its square without a scale. The first step is about ``step``. Each start moves to the nearest
+    of its square without a scale. The first step is about ``step``. Each start moves to a near
     point with the ``margin``, which needs no run; unstable loops are not run. Before each trial
     ``stop`` is asked whether to end, with a `StoppedError`.
     """
@@ -45,15 +47,16 @@ class GradientSearch:
         self._scale, self._step = scale, step
         self.failure = ""
         """Why a point was not run."""
+        self._known: dict[bytes, SearchTrial] = {}
 
     def begin(self, start: Point) -> Point:
-        """Return the nearest point with the margin, or the start without a margin."""
+        """Return a near point with the margin, or the start without a margin."""
 
         def excess(point: Point) -> tuple[float, Point]:
             _, (value,), (gradient,) = self._margins(point)
             return value, gradient
 
-        return start if self._margin is None else nearest(excess, start, self._step)
+        return start if self._margin is None else move_inside(excess, start, self._step)
 
     def descend(self, start: Point, trials: int, keep: Callable[[Point, Found], None]) -> bool:
         """Improve a start; return whether more trials were asked for.
@@ -66,6 +69,8 @@ class GradientSearch:
 
         def attempt(point: Point) -> SearchTrial:
             nonlocal left
+            if point.tobytes() in self._known:
+                return self._known[point.tobytes()]
             if left == 0:
                 raise StopIteration
             left, failed = left - 1, SearchTrial(np.nan, 0 * point, none, nothing)
@@ -78,23 +83,28 @@ class GradientSearch:
                     self.failure = "the closed loop is unstable. Set other gains."
                     return failed
                 measured, slopes = self._loop.measures(point, self._goal.smooth)
-            except (StructureError, ScenarioError, RuntimeError) as error:
+            except _REFUSALS as error:
                 self.failure = " ".join(str(error).split())
                 return failed
             keep(point, np.vstack([measured, np.tile(kept[:, None], draws)]))
             if not (np.isfinite(measured).all() and np.isfinite(slopes).all()):
                 return failed
             limit, gradient = self._goal.excess(measured, slopes)
-            return SearchTrial(
+            found = SearchTrial(
                 *self._value(measured[0].mean(), slopes[0].mean(axis=0)),
                 np.append(limit, excess),
                 np.vstack([gradient, slope]),
             )
+            self._known[point.tobytes()] = found
+            return found
 
-        with suppress(StopIteration):
+        try:
             constrain(attempt, self.begin(start), self._step, _ENOUGH)
-            return False
-        return True
+        except StopIteration:
+            return True
+        except _REFUSALS as error:  # of the margin at the start
+            self.failure = " ".join(str(error).split())
+        return False
 
     def _value(self, mean: float, slope: Point) -> tuple[float, Point]:
         if self._scale is None:

@@ -69,8 +69,8 @@ class Optimisation:
 
     There are ``seeds`` draws, with seeds from that of the scenario on, or one if all are equal,
     and at most about ``trials`` points. With ``rest`` the measures are those of the equilibrium at
-    t = 0. Where a stability ``margin`` is required, each start first moves to the nearest point
-    with the margin, which needs no run, and unstable loops are not run.
+    t = 0. Where a stability ``margin`` is required, each start first moves to a near point with the
+    margin, which needs no run.
     """
 
     step, logarithm = STEP, False
@@ -100,9 +100,10 @@ class Optimisation:
         self.why = ""
         """Why no gradients are used; empty if they are."""
         self.starts: list[Point] = [ranges.start]
-        if STARTS > 1:
-            sampler = qmc.Sobol(len(ranges.keys), rng=scenario.seed)
-            self.starts += list(sampler.random(STARTS)[1:])
+        self.starts += list(qmc.Sobol(len(ranges.keys), rng=scenario.seed).random(STARTS)[1:])
+        first = max(1, round(_TOGETHER * trials / STARTS))
+        self.shares = first, trials - STARTS * first
+        """Largest numbers of trials: of each start, then of the best point."""
         self.runs = TrialRuns(goal, self.seeds, self._stop, rest=rest, margin=margin)
         self.ended_early = False
         """Whether a search by gradients had no trials left."""
@@ -121,7 +122,7 @@ class Optimisation:
         """
 
         def poll() -> None:
-            report(len(self.trials), self.total, self.least)
+            report(max(0, len(self.trials) - 1), self.total, self.least)
             if stop():
                 self._stopped.set()
 
@@ -200,6 +201,8 @@ class Optimisation:
             return str(error)
         except (ScenarioError, RuntimeError) as error:
             return " ".join(str(error).split())
+        if not np.isfinite(runs).all():
+            return f"runs about the first start fail: {self.runs.failure}"
         for name, value, row, run, differences in zip(
             self.goal.names, values[:, 0], gradient[:, 0], runs[0], slopes, strict=False
         ):
@@ -219,15 +222,16 @@ class Optimisation:
 
             return self._search.descend(start, trials, keep)
 
-        first = max(1, round(_TOGETHER * self.total / STARTS))
-        with ThreadPoolExecutor(STARTS) as pool:
+        first, more = self.shares
+        with ThreadPoolExecutor(len(self.starts)) as pool:
             try:
                 starts = enumerate(self.starts)
-                results([pool.submit(descend, *each, first) for each in starts], self._poll)
+                jobs = [pool.submit(descend, *each, first) for each in starts]
+                used_all = results(jobs, self._poll)
+                self.ended_early = any(used_all)
                 self.runs.failure = self.runs.failure or self._search.failure
-                left = self.total - STARTS * first
-                if self.best is not None and left > 0:
-                    last = pool.submit(descend, self.best.start, self.best.point, left)
+                if self.best is not None and more > 0:
+                    last = pool.submit(descend, self.best.start, self.best.point, more)
                     (self.ended_early,) = results([last], self._poll)
             except BaseException:
                 self._stopped.set()

@@ -80,7 +80,7 @@ class TrialRuns:
                 self.failure = self.failure or arm.status
         if self._margin is not None:
             for point, each in enumerate(scenarios):
-                if each is not None:
+                if each is not None and np.isfinite(found[point, :, 0]).any():
                     found[point, :, -1] = self._margin.kept(self._margin.closed(each))
         return found.swapaxes(1, 2)
 

@@ -24,8 +24,6 @@ __all__ = ["Tuning", "tunable_numbers"]
 
 _FACTORS = (1.0, 2.0, 16.0, 0.25)
 """Factors on the numbers of the scenario, one for each start."""
-_ROUNDS = 3
-"""Trials for each iteration: half a trial of each start, and one of the best point."""
 _MOST = 1e3
 """Largest factor on a number, or divisor."""
 _WIDTH = 2 * math.log(_MOST)
@@ -55,6 +53,10 @@ class Tuning(Optimisation):
         self, scenario: Scenario, seeds: int, iterations: int, margin: float = 0.0
     ) -> None:
         numbers = tunable_numbers(scenario)
+        judged, simulation = scenario.judged_from, scenario.simulation
+        if judged > simulation.duration - simulation.time_step:
+            text = got(judged, "be a time step or more before simulation.duration")
+            raise ScenarioError.of("target.judged_from", text)
         each_step = {"output.interval": scenario.simulation.time_step}
         scenario = scenario.with_values(numbers | each_step)
         ends = ((key, sorted([each / _MOST, each * _MOST])) for key, each in numbers.items())
@@ -64,10 +66,12 @@ class Tuning(Optimisation):
             ranges,
             Goal(scenario, COST, (), margin),
             seeds,
-            _ROUNDS * iterations,
+            iterations,
             rest=False,
             margin=StabilityMargin(scenario, margin) if margin else None,
         )
+        self.shares = math.ceil(iterations / 2), iterations
+        self.total = len(_FACTORS) * self.shares[0] + iterations
         signs = np.sign(ranges.given)
         self.starts = [ranges.start + signs * math.log(each) / _WIDTH for each in _FACTORS]
         self.held_out: Float[np.ndarray, "controller measure draw"] | None = None
@@ -104,14 +108,12 @@ class Tuning(Optimisation):
             for name, unit in MARGINS.items():
                 value = np.array(getattr(margin, name) if margin.stable else np.nan)
                 rows.append((f"{when}_{name}_margin", "", unit, value, ""))
-        return super().dataset(status).assign(described(rows)).assign_attrs(waters)
+        found = super().dataset(status).assign(described(rows)).assign_attrs(waters)
+        return found.assign_coords(controller=list(HELD_OUT), error=[COST, "rms_error"])
 
 
 def tunable_numbers(scenario: Scenario) -> dict[str, float]:
     """Return the numbers that tuning varies, by key, at their present values."""
-    if scenario.vary:
-        text = "tuning needs a single case. Omit vary, and set the values by --set."
-        raise ScenarioError.of("vary", text)
     kind = scenario.control.kind
     if kind not in KINDS:
         text = got(kind, f"be {one_of(KINDS)}", "Other controllers have nothing to tune.")
