@@ -49,23 +49,25 @@ def session_of(page):
     return page.clock._session
 
 
-def wait_for(condition):
+def wait_for(condition, again=lambda: None):
     last = time.monotonic() + 120  # a session compiles first
     while not condition() and time.monotonic() < last:
-        time.sleep(0.01)
+        time.sleep(0.2)
+        again()
     assert condition()
 
 
 def asked(page, *lines, frame=b"", until=lambda: True):
     """Return the status of the answer to a request, and send a message right behind it.
 
-    A closed connection may lose the message: it stays open until a condition holds.
+    A closed connection may lose the message: it stays open until a condition holds. A server that
+    has not yet met its client may lose it too: it is sent again.
     """
     with socket.create_connection(("127.0.0.1", page.server.get_port()), timeout=30) as plain:
         text = "\r\n".join(("GET / HTTP/1.1", *lines))
         plain.sendall(text.encode() + b"\r\n" + frame)
         status = int(plain.recv(100).split()[1])
-        wait_for(until)
+        wait_for(until, lambda: plain.sendall(frame))
         plain.settimeout(0.5)
         try:
             while plain.recv(100_000):
