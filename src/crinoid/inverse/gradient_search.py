@@ -16,10 +16,10 @@ from crinoid.inverse.stability import StabilityMargin
 from crinoid.scenario import ScenarioError
 
 _ENOUGH = 1e-6
-"""Change of what is minimised at which a search ends."""
+"""A search ends when a step changes its objective by less than this."""
 
 _REFUSALS = (StructureError, ScenarioError, RuntimeError)
-"""Errors of a point that cannot be tried."""
+"""Errors that a search survives: the point counts as a failed trial."""
 
 Found = Float[np.ndarray, "measure draw"]
 _Rows = tuple[Float[np.ndarray, " row"], Float[np.ndarray, " row"], Float[np.ndarray, "row key"]]

@@ -139,7 +139,7 @@ class CostWeights(NamedTuple):
 
 
 def control_cost(result: Result) -> float | None:
-    """Return the cost of a controller (m): the root of the mean of errors and input speeds.
+    """Return the cost of a controller (m): error and input speeds, root mean square.
 
     It is the root of ``mean |W e|^2 + tau^2 mean |L du/dt|^2`` with the error ``e`` of the
     controlled coordinates of the tip, the commands ``u``, the time constant `EFFORT_TIME` and

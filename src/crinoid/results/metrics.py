@@ -133,7 +133,8 @@ MEASURES = {
         "rad", "largest angle error", f"largest {_ANGLE}",
         "errors:angle_error.maximum", "smooth:max_angle_error"),
     "control_cost": Measure(
-        "m", "control cost", "root of the squared error of what is controlled, plus effort",
+        "m", "control cost",
+        "root of the mean squared error of the controlled coordinates and of the input speeds",
         "effort:control_cost", "smooth:control_cost"),
     "work": Measure(
         "J", "work of base and actuators",
