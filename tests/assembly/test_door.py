@@ -336,18 +336,16 @@ class Creeping(crinoid.Element):
     stencil: ClassVar[int] = 1
     first: int = eqx.field(static=True)
     stiffness: jax.Array
-    memory: object = None
-    step: jax.Array | None = None
 
     def steady(self, motion):
         return motion.position
 
     def advance(self, motion):
-        share = -jnp.expm1(-self.step)
-        return self.memory + share * (motion.position - self.memory)
+        share = -jnp.expm1(-motion.step)
+        return motion.memory + share * (motion.position - motion.memory)
 
     def residual(self, motion):
-        if self.memory is None:
+        if motion.memory is None:
             return 0.0 * motion.position
         return self.stiffness * (motion.position - self.advance(motion))
 
@@ -355,18 +353,6 @@ class Creeping(crinoid.Element):
 class Lost(Creeping):
     def advance(self, motion):
         return motion.position[0]
-
-
-class Bare(crinoid.Element):
-    stencil: ClassVar[int] = 1
-    first: int = eqx.field(static=True)
-    stiffness: jax.Array
-
-    def steady(self, motion):
-        return motion.position
-
-    def residual(self, motion):
-        return self.stiffness * motion.position
 
 
 @pytest.mark.slow
@@ -415,7 +401,6 @@ MISTAKES = {
     rf"advance: returned float64\[\]; must return {ONE}": actuator(lambda to: to[0]),
     rf"drive: returned {TWO}; must return {ONE}": actuator(driven=lambda state: jnp.zeros(2)),
     r"Lost .* advance: returned float64\[2\]; must return float64\[1, 2\]": memory(Lost),
-    r"has no field memory; must have memory and step": memory(Bare),
 }
 
 

@@ -10,7 +10,7 @@ import crinoid
 from crinoid.assembly.parameters import keulegan_carpenter
 from crinoid.dynamics.start import undeformed
 from crinoid.dynamics.statics import static_stage
-from helpers.arms import QUICKLY
+from helpers.arms import QUICKLY, acting
 
 H = 1e-4
 """Step of the central differences, relative."""
@@ -47,7 +47,7 @@ def height(parameters):
 def push(parameters):
     """Return the forces on an arm that is held away from where it is without load, summed (N)."""
     system = crinoid.assemble(parameters)
-    forces, now = system.forces, jnp.zeros(())
+    forces, now = acting(system), jnp.zeros(())
     rows, frames = undeformed(system.reference, system.base, forces, now)
     bent = rows + 0.01 * jnp.sin(jnp.arange(rows.size)).reshape(rows.shape)
     stage, none = static_stage(now, bent, frames), jnp.zeros_like(rows)

@@ -18,7 +18,7 @@ from crinoid.dynamics import Integrator, System
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.start import expected_acceleration
 from crinoid.elements import ENERGIES, WORKS
-from helpers.arms import QUICKLY, order
+from helpers.arms import QUICKLY, acting, order
 from helpers.beams import NATURAL
 from helpers.motion import (
     advance,
@@ -62,8 +62,9 @@ def imbalance(system, state):
     rows = motion.position, motion.velocity, motion.acceleration
     stage = StepMap(state.time, *rows, none, none, none, state.frames)
     zero = jnp.zeros_like(motion.position)
-    current = system.forces.surroundings(stage, zero)
-    return system.forces.residual(system.forces.motion(stage, zero, current))
+    forces = acting(system)
+    current = forces.surroundings(stage, zero)
+    return forces.residual(forces.motion(stage, zero, current))
 
 
 # --- vibration ---------------------------------------------------------------------------------
@@ -356,11 +357,11 @@ def _kept(system, states, step):
 
         def kinetic(velocity):
             moving = eqx.tree_at(lambda m: m.velocity, motion, velocity)
-            return system.forces.energy(moving)[ENERGIES.index("kinetic")]
+            return acting(system).arm.energy(moving)[ENERGIES.index("kinetic")]
 
         def slope(position):
             placed = eqx.tree_at(lambda m: m.position, motion, position)
-            return jax.grad(lambda m: jnp.sum(system.forces.energy(m)))(placed).position
+            return jax.grad(lambda m: jnp.sum(acting(system).arm.energy(m)))(placed).position
 
         _, restoring = jax.jvp(slope, (motion.position,), (motion.velocity,))
         curved = 2.0 * kinetic(motion.acceleration) + jnp.sum(restoring * motion.velocity)

@@ -14,7 +14,7 @@ from crinoid.dynamics import Integrator
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import Pair
 from crinoid.numerics.frames import moments
-from helpers.arms import QUICKLY, arm, obstacles, order
+from helpers.arms import QUICKLY, acting, arm, obstacles, order
 
 RADIUS, MASS, GRAVITY = 0.05, 0.5, 9.81
 SKIN = 0.02 * RADIUS
@@ -315,7 +315,7 @@ def test_a_collision_keeps_momentum_and_angular_momentum():
 
 @eqx.filter_jit
 def _pushed(forces, motion):
-    return forces.obstacles.bodies.residual(forces.obstacle_motion(motion))[0]
+    return forces.obstacles.bodies.residual(forces.obstacle_motion(motion), forces.pose)[0]
 
 
 @pytest.mark.release
@@ -337,7 +337,7 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
     )
     state = system.rest()
     assert np.asarray(state.body_gap).max() < 0.0008
-    forces, still = system.forces, jnp.zeros_like(state.motion.acceleration)
+    forces, still = acting(system), jnp.zeros_like(state.motion.acceleration)
     motion = eqx.tree_at(lambda m: m.acceleration, state.motion, still)
     place = np.asarray(state.obstacle_position)
     rows = np.asarray(_pushed(forces, motion))[:, :3]
@@ -418,7 +418,7 @@ def test_the_tangent_is_the_slope_of_the_residual():
     skin = 0.02 * np.array([0.03, 0.03, 0.015, 0.015])
     assert (np.asarray(state.body_gap) < 0.8 * skin).all()
     assert float(state.gap[0].min()) < 0.001
-    forces, motion = system.forces, state.motion
+    forces, motion = acting(system), state.motion
     h = 1e-3
     rates = map(jnp.asarray, (1.0, 2 / h, 4 / h**2))
     stage = StepMap(

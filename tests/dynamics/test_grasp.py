@@ -10,12 +10,12 @@ import pytest
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.dynamics import GripState, tool_factor
+from crinoid.dynamics import GripState
 from crinoid.elements import Motion, Tool
 from crinoid.results.result import Result
 from crinoid.rod import Rod
 from crinoid.simulation import play
-from helpers.arms import QUICKLY
+from helpers.arms import QUICKLY, acting
 
 pytestmark = pytest.mark.slow
 
@@ -211,7 +211,7 @@ def test_in_space_it_moves_as_if_the_times_had_been_known_before():
 
         def one(state, _):
             after, _ = system.step(state, jnp.zeros(len(system.inputs)))
-            has = tool_factor(system.forces, after.grip, after.time)
+            has = acting(system, after.context).arm.tool_factor(after.time)
             return after, (after.time, after.position[-1], after.velocity[-1], after.grip, has)
 
         return jax.lax.scan(one, state, length=120)[1]

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.dynamics import Hull
+from crinoid.dynamics import ActingForces, Context, Hull
 from crinoid.dynamics.balance import Balance
-from crinoid.dynamics.start import with_mount
+from crinoid.dynamics.start import mounted
 from crinoid.dynamics.statics import static_stage
-from helpers.arms import QUICKLY
+from helpers.arms import QUICKLY, acting
 from helpers.newton_steps import factored
 
 LENGTH, DIAMETER, RADIUS, NODES = 0.4, 0.1, 0.01, 13
@@ -81,8 +81,8 @@ def bent(dimension, floats, gap=2e-4, random=None):
 
 def moving(made, state, rows, random, rates=(20.0, 1e4)):
     """Return forces and the stage of rows with velocities at random."""
-    forces = made.forces.driven(None)
-    forces = with_mount(forces, made.base, state.time, state.servo)
+    context = mounted(Context(), made.forces, made.base, state.time, state.servo)
+    forces = ActingForces.of(made.forces, context)
     stage = static_stage(jnp.zeros(()), rows, state.frames)
     return forces, replace(
         stage,
@@ -184,7 +184,7 @@ def test_gap_is_the_distance_of_an_edge_from_a_capsule_behind_the_root(dimension
     place = np.array(rows)
     place[3 : NODES + 1, :dimension] += 0.05 * random.normal(size=(NODES - 2, dimension))
     nodes, way = place[1 : NODES + 1, :dimension], np.eye(dimension)[0]
-    gaps = eqx.filter_jit(lambda forces, rows: forces.far_gaps(rows))(made.forces, place)[-1]
+    gaps = eqx.filter_jit(lambda forces, rows: forces.far_gaps(rows))(acting(made), place)[-1]
     exact = [
         nearest(near, far, nodes[0], way) - DIAMETER / 2 - RADIUS
         for near, far in pairwise(nodes[1:])

@@ -19,7 +19,7 @@ from crinoid.elements import (
     Weight,
 )
 from crinoid.flow import LogarithmicShear, PowerShear, Uniform
-from helpers.arms import always, arm, dense, only
+from helpers.arms import acting, always, arm, dense, only
 from helpers.newton_steps import assert_converges_quadratically, motion_of
 
 NODES = 11
@@ -97,7 +97,7 @@ def tangent(forces, stage, load_factor):
 @pytest.mark.parametrize("turn", [None, *np.deg2rad([170.0, -170.0])], ids=["bent", "up", "down"])
 @pytest.mark.parametrize("load_factor", [1.0, 0.3])
 def test_tangent_is_the_slope_of_the_residual(turn, load_factor):
-    forces, stage, size = everything().forces, stage_of_a_step(turn), 2 * (NODES + 1)
+    forces, stage, size = acting(everything()), stage_of_a_step(turn), 2 * (NODES + 1)
     h = 1e-5
     steps = h * np.array([-2.0, -1.0, 1.0, 2.0])[:, None, None] * np.eye(size)
     corrections = jnp.asarray(steps.reshape(-1, NODES + 1, 2))
@@ -121,7 +121,7 @@ def test_tangent_is_the_slope_of_the_residual(turn, load_factor):
     ids=lambda kinds: kinds[0].__name__ if len(kinds) == 1 else "all",
 )
 def test_newton_converges_quadratically(kinds):
-    forces, stage = only(everything().forces, Inertia, *kinds), stage_of_a_step()
+    forces, stage = only(acting(everything()), Inertia, *kinds), stage_of_a_step()
     off = np.zeros((NODES + 1, 2))
     off[BOUNDARY_NODES:] = EDGE / 20 * np.random.default_rng(4).uniform(-1, 1, (NODES - 1, 2))
     linear = len(kinds) == 1 and kinds[0] in LINEAR
@@ -278,5 +278,5 @@ def test_floor_is_the_round_off_of_the_elastic_forces(system):
     state = straight.rest()
     zero = jnp.zeros_like(state.position)
     still = StepMap(jnp.zeros(()), state.position, zero, zero, *[jnp.ones(())] * 3)
-    (residual,) = residuals(straight.forces, still, zero[None])
+    (residual,) = residuals(acting(straight), still, zero[None])
     assert float(jnp.abs(residual[2:]).max()) < float(settings.floor)

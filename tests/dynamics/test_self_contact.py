@@ -11,9 +11,9 @@ import pytest
 from scipy.linalg import eigh
 
 import crinoid
-from crinoid.dynamics import FarEdges, far_edges, find_modes
+from crinoid.dynamics import ActingForces, Context, FarEdges, far_edges, find_modes
 from crinoid.dynamics.balance import Balance
-from crinoid.dynamics.start import with_mount
+from crinoid.dynamics.start import mounted
 from crinoid.dynamics.statics import static_stage
 from crinoid.dynamics.tangent import LineStiffness
 from crinoid.rod import Rod
@@ -196,7 +196,9 @@ def spiral(dimension, **tables):
 def test_tangent_is_the_slope_of_the_residual(dimension, tables):
     system, state, rows = spiral(dimension, **tables)
     random = np.random.default_rng(0)
-    forces = with_mount(system.forces.driven(jnp.zeros(1)), system.base, state.time, state.servo)
+    context = Context(jnp.zeros(1))
+    context = mounted(context, system.forces, system.base, state.time, state.servo)
+    forces = ActingForces.of(system.forces, context)
     stage = static_stage(jnp.zeros(()), rows, state.frames)
     stage = replace(
         stage,

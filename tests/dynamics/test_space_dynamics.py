@@ -16,7 +16,7 @@ from crinoid.elements import ENERGIES
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.frames import tangents
 from helpers import motion
-from helpers.arms import QUICKLY, facing
+from helpers.arms import QUICKLY, acting, facing
 from helpers.motion import (
     advance,
     at,
@@ -45,7 +45,7 @@ dry, spatial = partial(motion.dry, 3), partial(submerged, 3)
 def _inertia(system, motion):
     def kinetic(velocity):
         moving = eqx.tree_at(lambda m: m.velocity, motion, velocity)
-        return system.forces.energy(moving)[ENERGIES.index("kinetic")]
+        return acting(system).arm.energy(moving)[ENERGIES.index("kinetic")]
 
     return jax.hessian(kinetic)(jnp.zeros_like(motion.velocity))
 

@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 
-from crinoid.dynamics import Forces, System
+from crinoid.dynamics import ActingForces, Context, Forces, System
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.flow import Water
@@ -326,7 +326,7 @@ def test_a_column_that_hardly_bends_the_other_way_leans_just_past_its_buckling_l
 
 @eqx.filter_jit(compiler_options=QUICKLY)
 def _stiffness(stretch, bend, position, orientation):
-    forces = Forces((stretch, bend), Water(()), jnp.zeros(3))
+    forces = ActingForces.of(Forces((stretch, bend), Water(()), jnp.zeros(3)), Context())
     frames = Frames.of(position, orientation)
     zero, none = jnp.zeros_like(position), jnp.zeros(())
     stage = StepMap(none, position, zero, zero, jnp.ones(()), none, none, frames)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
-from helpers.arms import QUICKLY, dense, facing, order
+from helpers.arms import QUICKLY, acting, dense, facing, order
 from helpers.elastica import CRITICAL, LIMP, UPRIGHT
 from helpers.slender import (
     EA,
@@ -307,12 +307,12 @@ def test_an_arm_confined_to_the_plane_is_the_planar_arm():
 @eqx.filter_jit(compiler_options=QUICKLY)
 def at_rest(system, position):
     """Return imbalance, tangent and stored energies of a shape at rest."""
-    forces, stage = system.forces, static_stage(jnp.zeros(()), position, None)
+    forces, stage = acting(system), static_stage(jnp.zeros(()), position, None)
     zero = jnp.zeros_like(position)
     current = forces.surroundings(stage, zero)
     motion = forces.motion(stage, zero, current)
     residual, _ = forces.residual(motion)
-    energy = forces.energy(motion)
+    energy = forces.arm.energy(motion)
     return residual, forces.tangent(stage, motion, current).bands, energy
 
 

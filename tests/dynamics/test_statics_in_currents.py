@@ -10,12 +10,13 @@ from scipy.interpolate import CubicSpline
 
 import crinoid
 from crinoid import Scenario
+from crinoid.dynamics import Context
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
 from crinoid.flow import MeasuredPoint
 from crinoid.numerics.piecewise import PiecewisePolynomial
 from crinoid.numerics.ramp import Onset
-from helpers.arms import QUICKLY
+from helpers.arms import QUICKLY, acting
 
 NOT_YET = 1e6
 """A start (s) that no test comes to: the flow is there, compiled, but adds nothing."""
@@ -70,7 +71,8 @@ def find(system, time):
     """Find an equilibrium, and ask the water again what the imbalance is there."""
     state, outcome = system.find_equilibrium(time)
     position = state.motion.position
-    forces, none = system.forces.frozen(time), jnp.zeros_like(position)
+    forces = acting(system, Context().at_rest(time))
+    none = jnp.zeros_like(position)
     stage = static_stage(time, position, None)
     residual, _ = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
     return position, jnp.max(jnp.abs(residual[BOUNDARY_NODES:])), outcome

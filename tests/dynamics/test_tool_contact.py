@@ -11,6 +11,7 @@ import pytest
 import crinoid
 from crinoid.assembly.plan import find_state
 from crinoid.numerics.frames import moments
+from helpers.arms import acting
 
 RADIUS, OFFSET, BALL = 0.025, 0.03, 0.04
 
@@ -64,7 +65,7 @@ def touching(dimension):
     system = crinoid.system(scenario(dimension))
     state = rest(system)
     random = np.random.default_rng(dimension)
-    forces = system.forces
+    forces = acting(system)
     shape = state.motion.velocity.shape
     position = np.array(state.motion.position)
     position[1:6, :dimension] += 0.01 * random.normal(size=(5, dimension))
@@ -81,7 +82,7 @@ def touching(dimension):
 
 @eqx.filter_jit
 def pushed(forces, motion):
-    return forces.obstacles.push(motion)
+    return forces.obstacles.push(motion, forces.pose)
 
 
 @pytest.mark.slow

@@ -12,9 +12,10 @@ import pytest
 
 import crinoid
 from crinoid.base import Prescribed
-from crinoid.dynamics import EnergyAccount, start
+from crinoid.dynamics import ActingForces, EnergyAccount
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.start import mounted
 from crinoid.dynamics.vehicle import Mount
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import WORKS, Inertia, Tool
@@ -56,7 +57,8 @@ def floating(axes, *, current=None, tool=1.0, floats=None, arms=None):
 def begun(system, velocity):
     """Return the arm at rest, given velocities, with the accelerations that follow."""
     state = system.rest()
-    forces = start.with_mount(system.forces, system.base, state.time, state.servo, state)
+    context = mounted(state.context, system.forces, system.base, state.time, state.servo, state)
+    forces = ActingForces.of(system.forces, context)
     position, frames = state.motion.position, state.frames
     none, zero = jnp.zeros_like(position), jnp.zeros(())
     stage = StepMap(state.time, position, velocity, none, zero, zero, jnp.ones(()), frames)

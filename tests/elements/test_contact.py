@@ -13,7 +13,7 @@ from crinoid.elements import DistributedLoad, TipLoad
 from crinoid.elements.contact import EASE, SKIN
 from crinoid.flow import PowerShear
 from crinoid.numerics.ramp import Onset
-from helpers.arms import Kept, always, arm, obstacles, order
+from helpers.arms import Kept, acting, always, arm, obstacles, order
 from helpers.touching import (
     SHAPES,
     THICK,
@@ -154,7 +154,7 @@ def crowd(**changes):
 def test_tangent_with_contacts_is_the_slope_of_the_residual():
     system = crowd()
     state = rest(system)
-    forces, motion = system.forces, state.motion
+    forces, motion = acting(system), state.motion
     rng = np.random.default_rng(5)
     velocity = motion.velocity + 0.05 * rng.normal(size=motion.velocity.shape)
     h = 1e-3

@@ -27,7 +27,7 @@ from crinoid.elements import (
 )
 from crinoid.flow import PowerShear, Uniform
 from crinoid.numerics.frames import Frames, Orientation, angle_between, tangents, transport
-from helpers.arms import always, arm, dense, only
+from helpers.arms import acting, always, arm, dense, only
 from helpers.newton_steps import assert_converges_quadratically, motion_of, slopes
 
 NODES = 6
@@ -36,7 +36,7 @@ EDGE = 0.2
 TURN = 2 * np.pi
 SEEDS = range(4)
 
-FORCES = arm(
+FORCES = acting(arm(
     axes=3, nodes=NODES, EA=50.0, EI=(0.05, 0.08), GJ=0.06, mass_per_length=1.2, diameter=0.04,
     displaced_area=1.1e-3, rest_curvature=(0.8, -0.5, 1.3), damping_time=0.03, gravity=9.81,
     water_density=1000.0, drag_tangential=0.1, added_mass_tangential=0.2, linear_drag=0.5,
@@ -52,7 +52,7 @@ FORCES = arm(
         # an upward part makes the shear felt as an acceleration
         PowerShear(always(), jnp.asarray([0.4, -0.2, 0.1]), *map(jnp.asarray, (2.0, -5.0, 0.3))),
     ),
-).forces  # fmt: skip
+))  # fmt: skip
 KINDS = (Stretch, BendTwist, Inertia, Weight, Drag, AddedMass, DistributedLoad, TipLoad)
 
 
@@ -123,8 +123,8 @@ def observe(forces, stage):
     """Return residual, energies, powers and the motion of a stage."""
     motion, _ = motion_of(forces, stage, jnp.zeros_like(stage.position))
     energy, working = (
-        forces.energy(motion),
-        forces.nonconservative_forces(motion, motion.position.shape[0]),
+        forces.arm.energy(motion),
+        forces.arm.nonconservative_forces(motion, motion.position.shape[0]),
     )
     power = jnp.asarray([jnp.sum(force * motion.velocity) for force in working.values()])
     return forces.residual(motion)[0], energy, power, motion
@@ -213,7 +213,7 @@ def energy_slope(forces, stage):
 
     def stored(correction):
         motion, _ = motion_of(forces, stage, correction)
-        return jnp.sum(forces.energy(motion)[1:])
+        return jnp.sum(forces.arm.energy(motion)[1:])
 
     return jax.grad(stored)(jnp.zeros_like(stage.position))
 

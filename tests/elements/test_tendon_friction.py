@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.dynamics import EnergyAccount, System
+from crinoid.dynamics import ActingForces, Context, EnergyAccount, System
 from crinoid.dynamics.statics import static_stage
 from crinoid.elements import WORKS, Threads
 from crinoid.elements.tendon_friction import ADHESION
@@ -333,11 +333,11 @@ def test_the_tangent_by_hand_is_the_slope_of_the_force(axes):
         else held._replace(direction=0.3 * jnp.ones_like(held.wrap), wrap=held.wrap + 0.2)
         for held in state.memory
     )
-    forces = system.forces.driven(jnp.array([0.7, 0.9])).remembering(memory, 0.1)
     # of the tendons alone, which compiles faster
-    (element,) = (each for each in forces.elements if isinstance(each, Threads))
-    forces = replace(forces, elements=(element,))
-    bands, (pull, follow), slope = slopes(forces, stage)
+    (at,) = (k for k, each in enumerate(system.forces.elements) if isinstance(each, Threads))
+    lone = replace(system.forces, elements=(system.forces.elements[at],))
+    context = Context(jnp.array([0.7, 0.9]), (memory[at],), jnp.asarray(0.1))
+    bands, (pull, follow), slope = slopes(ActingForces.of(lone, context), stage)
     got = dense(bands) + np.einsum("nbl,lmc->nbmc", pull, follow)
     largest = np.abs(slope).max(axis=(2, 3), keepdims=True) + np.finfo(float).tiny
     np.testing.assert_allclose(got / largest, slope / largest, rtol=0, atol=1e-11)

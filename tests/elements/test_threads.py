@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 import crinoid
 from crinoid.actuation import Follower
 from crinoid.assembly.prepared import Prepared
-from crinoid.dynamics import System
+from crinoid.dynamics import ActingForces, Context, System
 from crinoid.dynamics.modes import find_modes
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
@@ -398,7 +398,8 @@ def test_the_force_is_the_slope_of_tension_times_path():
     moved = shaken(rest, 0)
     still = jnp.zeros(moved.shape)
     drive = jnp.array([-0.6, 0.8])
-    forces = system.forces.driven(drive)
+    forces = system.forces
+    lone = ActingForces.of(replace(forces, elements=(element,)), Context(drive))
     frames = Frames.of(moved, rest.frames.at(moved))  # carried along to where the shape is
 
     @eqx.filter_jit(compiler_options=QUICKLY)
@@ -408,7 +409,6 @@ def test_the_force_is_the_slope_of_tension_times_path():
         motion = Motion(position, still, still, water, water, jnp.zeros(()), oriented, drive)
         rest_strain = forces.bend.rest_strain
         strains = forces.strains(motion) + rest_strain.reshape(rest_strain.shape[0], -1)
-        lone = replace(forces, elements=(element,))
         lengths = jnp.sqrt(jnp.sum(jnp.diff(position[:, :axes], axis=0) ** 2, axis=1))
         return strains, lengths, lone.residual(motion)[0]
 
@@ -435,15 +435,16 @@ def tugged(request):
     system = crinoid.system(scenario(axes, nodes=6, tendon=tendons, chamber=chambers))
     state = system.rest()
     stage = static_stage(jnp.zeros(()), shaken(state, 1), state.frames, 1e3)
-    return system.forces.driven(jnp.array([0.5, 0.7, -0.6, 0.8, 0.9, 1.0])), stage
+    return system.forces, Context(jnp.array([0.5, 0.7, -0.6, 0.8, 0.9, 1.0])), stage
 
 
 @pytest.mark.release
 def test_the_tangent_by_hand_is_the_slope_of_the_force(tugged):
-    forces, stage = tugged
+    forces, context, stage = tugged
     # of the threads alone, which compiles faster
     (element,) = (e for e in forces.elements if isinstance(e, Threads))
-    bands, (pull, follow), slope = slopes(replace(forces, elements=(element,)), stage)
+    lone = ActingForces.of(replace(forces, elements=(element,)), context)
+    bands, (pull, follow), slope = slopes(lone, stage)
     assert np.abs(follow).max(axis=(1, 2)).all()
     got = dense(bands) + np.einsum("nbl,lmc->nbmc", pull, follow)
     largest = np.abs(slope).max(axis=(2, 3), keepdims=True) + np.finfo(float).tiny
@@ -453,7 +454,8 @@ def test_the_tangent_by_hand_is_the_slope_of_the_force(tugged):
 @pytest.mark.release
 @pytest.mark.parametrize("tugged", [3], ids=["space"], indirect=True)
 def test_newton_converges_quadratically(tugged):
-    forces, stage = tugged
+    forces, context, stage = tugged
+    forces = ActingForces.of(forces, context)
     off = np.zeros(stage.position.shape)
     off[BOUNDARY_NODES:] = 0.002 * np.random.default_rng(4).uniform(
         -1, 1, off[BOUNDARY_NODES:].shape

@@ -97,7 +97,7 @@ def test_a_frame_that_moves_and_speeds_up_with_the_water_changes_nothing(model):
     step, way = 0.05, np.array([0.3, 0.2, -0.1])
 
     def phases(frame):
-        vortices, memory, found, rng = one, None, [], np.random.default_rng(3)
+        memory, found, rng = None, [], np.random.default_rng(3)
         for time in step * np.arange(1, 12):
             speed, rate = frame * np.sin(2 * time) * way, 2 * frame * np.cos(2 * time) * way
             swing = 0.03 * np.cos(7 * time) * rng.normal(size=(2, 3))
@@ -111,8 +111,8 @@ def test_a_frame_that_moves_and_speeds_up_with_the_water_changes_nothing(model):
             )
             if memory is None:
                 memory = one.steady(motion)
-            vortices = one.remembering(memory, jnp.asarray(step))
-            memory = vortices.advance(motion)
+            held = one.prepared(memory, jnp.asarray(step))
+            memory = one.advance(motion.remembering(held, jnp.asarray(step)))
             found.append(one.oscillator.phase(memory))
         return np.asarray(found)
 

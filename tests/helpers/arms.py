@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from crinoid.base import Base, BaseMotion, Servo
 from crinoid.dynamics import (
+    ActingForces,
+    Context,
     EnergyAccount,
     Forces,
     FreeBodies,
@@ -36,7 +38,6 @@ from crinoid.elements import (
     Element,
     Inertia,
     Pair,
-    Pose,
     Stretch,
     Weight,
 )
@@ -243,7 +244,6 @@ def obstacles(
                 density=density,
                 gravity=gravity,
             ),
-            Pose.unturned(count, axes),
             jnp.broadcast_to(jnp.asarray(spin, float), (count, turns)),
             touching,
             (tuple((pair.first, pair.second) for pair in pairs),) if pairs else (),
@@ -400,3 +400,8 @@ def ways(
         )
         for seed in range(seeds)
     }
+
+
+def acting(system, context=None):
+    """Return the forces of a system in a context; the plain one has no drive and no memory."""
+    return ActingForces.of(system.forces, Context() if context is None else context)

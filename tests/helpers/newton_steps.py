@@ -1,13 +1,16 @@
 """Steps of Newton's method: their matrix by hand and by differentiation, and how they converge."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crinoid.dynamics import start
+from crinoid.dynamics import ActingForces
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.start import mounted
 from helpers.arms import QUICKLY
 
 
@@ -76,9 +79,10 @@ def solve_afloat(system, drive, noise, rhs):
     Return the solution, that by the factors, what the residual changes by along it, and what the
     rows of the held nodes make of it.
     """
-    state, forces = system.rest(), system.forces
-    forces = forces if drive is None else forces.driven(drive)
-    forces = start.with_mount(forces, system.base, state.time, state.servo, state)
+    state = system.rest()
+    context = replace(state.context, drive=drive, memory=())
+    context = mounted(context, system.forces, system.base, state.time, state.servo, state)
+    forces = ActingForces.of(system.forces, context)
     rates = map(jnp.asarray, (1.0, 30.0, 900.0))
     stage = StepMap(state.time, state.motion.position, *noise[:2], *rates, state.frames)
     around = forces.surroundings(stage, noise[2])

@@ -13,7 +13,7 @@ import crinoid
 from crinoid.dynamics import Reason
 from crinoid.elements.contact import SKIN
 from crinoid.simulation import glance
-from helpers.arms import QUICKLY
+from helpers.arms import QUICKLY, acting
 
 STEPS = 40
 H = 2e-5
@@ -93,7 +93,7 @@ def studied(kind):
             (motion.position.at[-1, axes - 1].add(raised), motion.velocity + factors[-1] * thrown),
         )
         closed = crinoid.with_parameters(loop, varied)
-        start = replace(state, motion=moved, gap=closed.system.forces.gaps(moved.position))
+        start = replace(state, motion=moved, gap=acting(closed.system).gaps(moved.position))
         run = crinoid.rollout(closed, start, STEPS, observe=observed)
         gap, seen = run.kept
         effort = jnp.sum(jnp.diff(seen.command, axis=0) ** 2)

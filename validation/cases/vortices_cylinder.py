@@ -1,6 +1,5 @@
 """Vortices of a rigid cylinder: fixed, forced and on springs."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -136,20 +135,22 @@ def _mounted(
 ) -> Array:
     """Return where a cylinder on springs is after each step, by the trapezoid rule (m)."""
 
-    def force(elements: Sequence[Element], *motion: Array) -> Array:
-        forces = [jnp.sum(each.residual(_moving(*motion))[:, 1]) for each in elements]
+    def force(memory: Any, *motion: Array) -> Array:
+        moving = _moving(*motion)
+        moved = (moving.remembering(memory, step), *[moving] * (len(elements) - 1))
+        forces = [jnp.sum(e.residual(m)[:, 1]) for e, m in zip(elements, moved, strict=True)]
         return -jnp.sum(jnp.stack(forces))
 
     def one(carry: Any, _: None) -> tuple[Any, Array]:
         y, v, a, memory = carry
-        first = elements[0].remembering(memory, step)
+        held = elements[0].prepared(memory, step)
 
         def end(new: Array) -> tuple[Array, Array, Array]:
             return y + step * v + step**2 / 4 * (a + new), v + step / 2 * (a + new), new
 
         def unbalanced(new: Array) -> Array:
             y, v, _ = end(new)
-            pushed = force((first, *elements[1:]), y, v, new)
+            pushed = force(held, y, v, new)
             return _MASS * new + damping * v + stiffness * y - pushed
 
         new = a
@@ -157,7 +158,7 @@ def _mounted(
             lacking, slope = jax.jvp(unbalanced, (new,), (jnp.ones(()),))
             new = new - lacking / slope
         after = end(new)
-        return (*after, first.advance(_moving(*after))), after[0]
+        return (*after, elements[0].advance(_moving(*after).remembering(held, step))), after[0]
 
     none = jnp.zeros(())
     start = (none, none, none, elements[0].steady(_moving(none, none, none)))

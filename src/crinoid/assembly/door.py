@@ -90,8 +90,7 @@ def check_element(element: Element, place: str, system: System) -> None:
     window = jax.tree.map(lambda leaf: leaf[0], element)
     memory = _trace(name, window, "steady", (motion,), hint=" or None")
     if memory is not None:
-        require(hasattr(window, "memory"), name, "has no field memory; must have memory and step")
-        window = replace(window, memory=memory, step=_shape())
+        motion = replace(motion, memory=memory, step=_shape())
         _trace(name, window, "advance", (motion,), memory)
     _trace(name, window, "residual", (motion,), motion.position)
     _trace(name, window, "energy", (motion,), _shape())

@@ -25,7 +25,6 @@ from crinoid.elements import (
     BodySurfaceContact,
     Contact,
     Pair,
-    Pose,
     SignedDistance,
     Surface,
 )
@@ -153,7 +152,6 @@ class ObstacleParameters(eqx.Module):
 
     def _bodies(self, rod: Rod, density: Array, gravity: Array) -> FreeBodies:
         """Build the free bodies among the obstacles."""
-        count, axes = self.position.shape
         at = np.asarray(self.free, int)
         groups = [[pair for pair in self.pairs if not self._surface(pair.second)]]
         groups += [[pair] for pair in self.pairs if self._surface(pair.second)]
@@ -170,7 +168,6 @@ class ObstacleParameters(eqx.Module):
                 density=density,
                 gravity=gravity,
             ),
-            pose=Pose.unturned(count, axes),
             spin=self.spin,
             contacts=tuple(self._contact(group, rod, gravity) for group in groups),
             pairs=tuple(tuple((pair.first, pair.second) for pair in group) for group in groups),

@@ -235,15 +235,15 @@ _clearance = compiled(**ONCE)(System.clearance)
 @compiled(**ONCE)
 def _body_clearance(system: System, bodies: FreeBodies) -> Float[Array, " pair"]:
     """Return the distance of each pair of free bodies and other obstacles at the start (m)."""
-    _, _, rows, _ = system.undeformed(0.0)
-    return bodies.gaps(rows[system.forces.rows.obstacle_rows]) - bodies.skin
+    forces, _, rows, _ = system.undeformed(0.0)
+    return bodies.gaps(rows[forces.rows.obstacle_rows], forces.pose) - bodies.skin
 
 
 @compiled(**ONCE)
 def _far_clearances(system: System) -> tuple[Float[Array, ""], ...]:
     """Return the smallest distance of the undeformed arm in each contact of far parts (m)."""
-    _, _, rows, _ = system.undeformed(0.0)
-    return tuple(jnp.min(gaps) for gaps in system.forces.far_gaps(rows))
+    forces, _, rows, _ = system.undeformed(0.0)
+    return tuple(jnp.min(gaps) for gaps in forces.far_gaps(rows))
 
 
 def check_far_clearances(system: System) -> None:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from crinoid.control.controller import Reading
-from crinoid.dynamics import State, System
+from crinoid.dynamics import ActingForces, State, System
 from crinoid.foundation.axes import AXES, POSE
 
 Values = Float[Array, " m"]
@@ -94,12 +94,11 @@ class ContactForce(Measurand):
     """Edges that feel it."""
 
     def of(self, system: System, state: State) -> Values:
-        forces = system.forces.turned(
-            state.attitude, state.obstacle_attitude, state.motion.position
-        )
+        forces = ActingForces.of(system.forces, state.context)
         if forces.obstacles is None:
             raise ValueError("a contact sensor requires an obstacle")
-        return forces.obstacles.edge_force(forces.obstacle_motion(state.motion), self.inside)
+        near = forces.obstacle_motion(state.motion)
+        return forces.obstacles.edge_force(near, forces.pose, self.inside)
 
     def names(self, axes: int) -> tuple[tuple[str, str], ...]:
         return tuple((f"force_{name}", "N") for name in AXES[axes])

@@ -3,6 +3,8 @@
 May import ``elements`` and ``flow`` and ``base`` and lower folders.
 """
 
+from crinoid.dynamics.acting import ActingForces as ActingForces
+from crinoid.dynamics.context import Context as Context
 from crinoid.dynamics.damped_modes import DampedModes as DampedModes
 from crinoid.dynamics.damped_modes import Relaxing as Relaxing
 from crinoid.dynamics.damped_modes import find_damped_modes as find_damped_modes
@@ -12,7 +14,6 @@ from crinoid.dynamics.forces import Forces as Forces
 from crinoid.dynamics.free_bodies import FreeBodies as FreeBodies
 from crinoid.dynamics.gripper import GripState as GripState
 from crinoid.dynamics.gripper import GripTriggers as GripTriggers
-from crinoid.dynamics.gripper import tool_factor as tool_factor
 from crinoid.dynamics.hull import Hull as Hull
 from crinoid.dynamics.hull import HullTouch as HullTouch
 from crinoid.dynamics.hull import first_far_edge as first_far_edge

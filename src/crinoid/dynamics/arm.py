@@ -1,4 +1,4 @@
-"""Elements of an arm, with its stiffness, mass, energies and strains."""
+"""Laws on an arm with their memory: energies, works, and the memory after a step."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -9,28 +9,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.dynamics import windows
-from crinoid.elements import (
-    ENERGIES,
-    Bend,
-    BendTwist,
-    Element,
-    Inertia,
-    Motion,
-    Stretch,
-    VortexForces,
-    Vortices,
-)
+from crinoid.dynamics.context import Context, Memory
+from crinoid.elements import ENERGIES, Element, Motion, Stretch, Tool, VortexForces, Vortices
 from crinoid.numerics import banded
-from crinoid.rod.reference import Reference
-
-Memory = tuple[Any, ...]
-"""Memory of each element; None for those without."""
 
 
 class Arm(eqx.Module):
-    """Elements of an arm."""
+    """Elements of an arm, each with its memory of a step."""
 
-    elements: tuple[Element, ...]
+    laws: windows.Laws
 
     def memory_at_start(self, motion: Motion) -> Memory:
         """Return the memory of the elements at the start of a run, None for those without."""
@@ -41,49 +28,13 @@ class Arm(eqx.Module):
         return self._memory(motion, "advance")
 
     def _memory(self, motion: Motion, method: str) -> Memory:
-        def one(element: Element) -> Any:
+        def one(element: Element, held: windows.Held) -> Any:
             if not element.remembers:
                 return None
-            owned = windows.motion_windows(element, motion)
+            owned = windows.motion_windows(element, motion, held)
             return jax.vmap(lambda e, m: getattr(e, method)(m))(element, owned)
 
-        return tuple(map(one, self.elements))
-
-    @property
-    def bend(self) -> Bend | BendTwist | None:
-        """Element that resists bending, and in space twisting."""
-        return self._only(Bend | BendTwist)
-
-    @property
-    def stretch(self) -> Stretch | None:
-        """Element that resists stretching."""
-        return self._only(Stretch)
-
-    def _only(self, kind: Any) -> Any:
-        """Return the element of a kind, if there is one.
-
-        A second one would be missing in strains, tension and modes.
-        """
-        found = [each for each in self.elements if isinstance(each, kind)]
-        if len(found) > 1:
-            names = " and ".join(type(each).__name__ for each in found)
-            raise ValueError(f"An arm must have a single element of this kind, got {names}.")
-        return found[0] if found else None
-
-    @property
-    def mass(self) -> Float[Array, ""]:
-        """Mass of the arm without water (kg)."""
-        own = [jnp.sum(e.mass) for e in self.elements if isinstance(e, Inertia)]
-        return sum(own, start=jnp.zeros(()))
-
-    def bending_stiffness(self, reference: Reference) -> Float[Array, " ways"]:
-        """Return the mean bending stiffness (N m2); in space toward both directors."""
-        bend = self._known_bend()
-        stiffness = bend.stiffness.reshape(reference.nodes - 1, -1) * reference.strain_length[:-1]
-        # a pinned root has no stiffness, unlike the arm
-        held = stiffness > 0
-        ways = jnp.sum(stiffness, axis=0) / jnp.maximum(jnp.sum(held, axis=0), 1)
-        return ways[: reference.axes - 1]
+        return tuple(one(*law) for law in self.laws)
 
     @eqx.filter_jit
     def energy(self, motion: Motion) -> Float[Array, " energy"]:
@@ -120,56 +71,61 @@ class Arm(eqx.Module):
         found: dict[str, Array] = {}
 
         def added(element: Element, window: Motion) -> Array:
-            return element.energy(window) - element.remembering(None, None).energy(window)
+            return element.energy(window) - element.energy(window.remembering(None, None))
 
-        for element in self.elements:
-            if getattr(element, "memory", None) is None:
+        for element, held in self.laws:
+            if held is None or not element.remembers:
                 continue
-            owned = windows.motion_windows(element, motion)
+            owned = windows.motion_windows(element, motion, held)
             energy = jnp.sum(jax.vmap(added)(element, owned))
             found[element.worked] = found.get(element.worked, 0.0) + energy
         return found
 
     def branch_tension(self) -> Float[Array, " e"] | None:
         """Return the axial force of the Maxwell branches (N); None of a material without them."""
-        memory = None if self.stretch is None else self.stretch.memory
-        if self.stretch is None or memory is None:
-            return None
-        return self.stretch.EA * jnp.sum(memory.branches, axis=-1)
+        found = [(e, held) for e, held in self.laws if isinstance(e, Stretch) and held is not None]
+        return next((e.EA * jnp.sum(held[0].branches, axis=-1) for e, held in found), None)
 
     def vortex_forces(self, motion: Motion) -> VortexForces | None:
         """Return forces and phases of shed vortices on the edges, if the water sheds any."""
-        vortices = self._only(Vortices)
-        if vortices is None:
-            return None
-        owned = windows.motion_windows(vortices, motion)
-        return jax.vmap(lambda e, m: e.forces(m))(vortices, owned)
+        for element, held in self.laws:
+            if isinstance(element, Vortices):
+                owned = windows.motion_windows(element, motion, held)
+                return jax.vmap(lambda e, m: e.forces(m))(element, owned)
+        return None
+
+    def tool_factor(self, time: Float[Array, ""]) -> Float[Array, ""] | None:
+        """Return 1 while the tip has its tool at a time (s), else 0; None without a tool."""
+        for element, held in self.laws:
+            if isinstance(element, Tool):
+                return (element.held if held is None else held[0]).whole(time)[0]
+        return None
 
     def _in_windows(
         self, motion: Motion, of: Callable[[Element, Motion], Any]
     ) -> Iterator[tuple[Element, Any]]:
         """Yield each element with a quantity ``of`` it in each of its windows."""
-        for _, elements in windows.groups(self.elements, motion.flow_velocity.shape[1]):
-            owned = windows.motion_windows(elements[0], motion)
-            found = jax.vmap(lambda some, window: [of(e, window) for e in some])(elements, owned)
-            yield from zip(elements, found, strict=True)
 
-    def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
-        """Return the strain beyond rest at each node except the tip: bend, in space also twist.
+        def each(laws: windows.Laws, window: Motion) -> list[Any]:
+            return [of(e, windows.remembering(window, held)) for e, held in laws]
 
-        Zero at a pinned root.
-        """
-        bend = self._known_bend()
-        owned = windows.motion_windows(bend, motion)
-        strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
-        rest, free = (
-            values.reshape(strains.shape) for values in (bend.rest_strain, bend.stiffness == 0)
-        )
-        return jnp.where(free, 0.0, strains - rest)
+        for _, laws in windows.groups(self.laws, motion.flow_velocity.shape[1]):
+            owned = windows.motion_windows(laws[0][0], motion)
+            found = jax.vmap(each)(laws, owned)
+            yield from zip([e for e, _ in laws], found, strict=True)
 
-    def _known_bend(self) -> Bend | BendTwist:
-        if self.bend is None:
-            raise ValueError(
-                "Nothing resists bending. Add a Bend to elements, in space a BendTwist."
-            )
-        return self.bend
+
+def prepared(elements: tuple[Element, ...], context: Context) -> tuple[windows.Held, ...]:
+    """Return the memory of elements, prepared for the step of a context."""
+
+    def held(element: Element, memory: Any) -> windows.Held:
+        if isinstance(element, Tool) and context.grip is not None:
+            return context.grip.held, None
+        if memory is None:
+            return None
+        assert context.step is not None
+        step = jnp.broadcast_to(context.step, (windows.count(element),))
+        return element.prepared(memory, step), step
+
+    memory = context.memory or (None,) * len(elements)
+    return tuple(held(*each) for each in zip(elements, memory, strict=True))

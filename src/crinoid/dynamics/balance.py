@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import Tangent
@@ -20,7 +20,7 @@ Rows = Float[Array, "rows b"]
 class Balance(eqx.Module):
     """Balance of forces at the end of a step, as a function of the correction."""
 
-    forces: Forces
+    forces: ActingForces
     around: Surroundings
     """The water, expanded about given positions."""
     stage: StepMap

@@ -1,7 +1,6 @@
 """Free bodies among the obstacles: their forces, contact with each other, and rotation."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -28,8 +27,6 @@ class FreeBodies(eqx.Module):
     """Which obstacles are free."""
     body: Body
     """Inertia, weight and drag of each."""
-    pose: Pose
-    """Attitude of all obstacles at the start of a step; unturned they have the world's axes."""
     spin: Float[Array, "m turns"]
     """Initial angular velocity of all obstacles (rad/s)."""
     contacts: tuple[BodyContact, ...] = ()
@@ -59,44 +56,34 @@ class FreeBodies(eqx.Module):
             for i in range(count)
         )
 
-    def attitude(self, rows: Rows) -> Float[Array, "m d d"]:
-        """Return the attitude of all obstacles for their rows."""
-        return jax.vmap(lambda pose, row: pose.attitude_at(row))(self.pose, rows[self.count :])
-
-    @property
-    def elements(self) -> list[tuple[Element, Int[np.ndarray, "window k"]]]:
-        """Force laws on the bodies with their attitudes, and the rows of their windows."""
-        index = np.array(self.index, int)
-        body = replace(self.body, pose=self._poses(index))
-        found: list[tuple[Element, Int[np.ndarray, "window k"]]] = [(body, self.own_rows)]
-        return [*found, *self._posed_contacts()]
-
-    def residual(self, motion: Motion) -> tuple[Rows, Float[Array, " b"]]:
+    def residual(self, motion: Motion, pose: Pose | None) -> tuple[Rows, Float[Array, " b"]]:
         """Return minus the forces on the rows of the obstacles, without those of the arm.
 
         Also the largest single force in it of each column (N).
         """
         size = motion.position.shape[1]
         total, largest = jnp.zeros((2 * self.count, size)), jnp.zeros(size)
-        for element, rows in self.elements:
-            forces = jax.vmap(lambda e, m: e.residual(m))(element, self._windows(motion, rows))
+        for element, rows, window in self._laws(motion, pose):
+            forces = jax.vmap(lambda e, m: e.residual(m))(element, window)
             total = total.at[rows].add(forces)
             largest = jnp.maximum(largest, jnp.max(jnp.abs(forces[:, ::2]), axis=(0, 1)))
         return total, largest
 
-    def stiffness(self, motion: Motion, jacobian: Jacobian) -> Float[Array, "rows b rows b"]:
+    def stiffness(
+        self, motion: Motion, pose: Pose | None, jacobian: Jacobian
+    ) -> Float[Array, "rows b rows b"]:
         """Return the derivative of that residual, from the Jacobians of the windows of rows."""
         size = motion.position.shape[1]
         total = jnp.zeros((2 * self.count, size, 2 * self.count, size))
-        for element, rows in self.elements:
-            blocks = jnp.moveaxis(jacobian(element, self._windows(motion, rows), rows), 3, 2)
+        for element, rows, window in self._laws(motion, pose):
+            blocks = jnp.moveaxis(jacobian(element, window, rows), 3, 2)
             total = total.at[rows[:, :, None], :, rows[:, None, :], :].add(blocks)
         return total
 
-    def gaps(self, rows: Rows) -> Float[Array, " pair"]:
+    def gaps(self, rows: Rows, pose: Pose | None) -> Float[Array, " pair"]:
         """Return the gap of each pair (m)."""
-        gap = jax.vmap(lambda contact, window: contact.gap(window))
-        gaps = [gap(contact, rows[at]) for contact, at in self._posed_contacts()]
+        gap = jax.vmap(lambda contact, window, poses: contact.gap(window, poses))
+        gaps = [gap(contact, rows[at], poses) for contact, at, poses in self._touching(pose)]
         return jnp.concatenate([jnp.zeros(0), *gaps])
 
     @property
@@ -116,8 +103,8 @@ class FreeBodies(eqx.Module):
             return jnp.asarray(True)
         counts = np.cumsum([len(pairs) for pairs in self.pairs])[:-1]
         resolved = []
-        for (contact, rows), *gaps in zip(
-            self._posed_contacts(),
+        for (contact, rows, _), *gaps in zip(
+            self._touching(None),
             *(jnp.split(gap, counts) for gap in (before, after)),
             strict=True,
         ):
@@ -129,24 +116,35 @@ class FreeBodies(eqx.Module):
             resolved.append(jnp.all(contact.accounted(*gaps, step)) & jnp.all(travel <= room))
         return jnp.all(jnp.stack(resolved))
 
-    def _posed_contacts(self) -> list[tuple[BodyContact, Int[np.ndarray, "pair 4"]]]:
-        """Return the contacts with the attitudes of both bodies, and the rows of their windows."""
+    def _laws(
+        self, motion: Motion, pose: Pose | None
+    ) -> list[tuple[Element, Int[np.ndarray, "window k"], Motion]]:
+        """Return the force laws on the bodies, with the rows and the motion of their windows."""
+        assert pose is not None
+        size, shift = motion.position.shape[1], 2 * self.count  # obstacles are the last rows
+        laws = [(self.body, self.own_rows, pose.of(self.own_rows[:, 0])), *self._touching(pose)]
+        return [
+            (
+                law,
+                rows,
+                motion.windows(
+                    lambda each, at=rows - shift: each[at], rows.shape[:1], size
+                ).remembering(poses, None),
+            )
+            for law, rows, poses in laws
+        ]
+
+    def _touching(
+        self, pose: Pose | None
+    ) -> list[tuple[BodyContact, Int[np.ndarray, "pair 4"], tuple[Pose, Pose] | None]]:
+        """Return the contacts, the rows of their windows, and the poses of both bodies."""
         found = []
         for contact, pairs in zip(self.contacts, self.pairs, strict=True):
             first, second = np.array(pairs, int).T
-            posed = replace(contact, carrier=self._poses(first), pose=self._poses(second))
+            poses = None if pose is None else (pose.of(first), pose.of(second))
             rows = [first, first + self.count, second, second + self.count]
-            found.append((posed, np.stack(rows, axis=1)))
+            found.append((contact, np.stack(rows, axis=1), poses))
         return found
-
-    def _poses(self, index: Int[np.ndarray, " each"]) -> Pose:
-        return Pose(self.pose.attitude[index], self.pose.turn[index])
-
-    def _windows(self, motion: Motion, rows: Int[np.ndarray, "window k"]) -> Motion:
-        # the obstacles are the last rows of the motion
-        return motion.windows(
-            lambda each: each[rows - 2 * self.count], rows.shape[:1], motion.position.shape[1]
-        )
 
 
 def _size(vectors: Float[Array, "pair d"]) -> Float[Array, " pair"]:

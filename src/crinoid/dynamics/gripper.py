@@ -1,14 +1,10 @@
 """Gripper at the tip: its state, and the touches of obstacles that trigger it."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.obstacles import Obstacles
-from crinoid.elements import Tool
 from crinoid.numerics.ramp import Onset
 
 
@@ -70,22 +66,3 @@ class GripTriggers(eqx.Module):
         if self.drop is not None:
             dropped = jnp.where((grip.held.whole(time)[0] > 0) & touched[self.drop], time, dropped)
         return GripState(taken, dropped)
-
-
-def with_grip(forces: Forces, grip: GripState | None) -> Forces:
-    """Return the forces with the tool acting as a grip says; without a grip unchanged."""
-    if grip is None:
-        return forces
-    held = grip.held
-    elements = tuple(
-        replace(each, held=held) if isinstance(each, Tool) else each for each in forces.elements
-    )
-    return replace(forces, elements=elements)
-
-
-def tool_factor(
-    forces: Forces, grip: GripState | None, time: Float[Array, ""]
-) -> Float[Array, ""] | None:
-    """Return 1 while the tip has its tool at a time (s), else 0; None without a tool."""
-    tools = [each for each in with_grip(forces, grip).elements if isinstance(each, Tool)]
-    return tools[0].held.whole(time)[0] if tools else None

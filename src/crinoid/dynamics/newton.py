@@ -10,8 +10,8 @@ from jax.ad_checkpoint import checkpoint_name
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
+from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_tangents
-from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import TangentFactors
@@ -101,7 +101,7 @@ class ReusedTangent(eqx.Module):
     """Factor of the acceleration in its stage (1/s2), which detects another step length."""
 
     @staticmethod
-    def none(forces: Forces, rows: Rows) -> "ReusedTangent":
+    def none(forces: ActingForces, rows: Rows) -> "ReusedTangent":
         """Return the tangent before the first solve: none."""
         nodes, size = forces.nodes(rows).shape
         lines = 0 if forces.lines is None else forces.lines.rest.size

@@ -1,7 +1,6 @@
 """Obstacles: rigid bodies near the arm, their motion and their contact with it."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics.free_bodies import FreeBodies
 from crinoid.dynamics.tangent import Border
-from crinoid.elements import Contact, Motion, Surface, SurfaceContact
+from crinoid.elements import Contact, Motion, Pose, Surface, SurfaceContact
 from crinoid.numerics import banded
 
 Rows = Float[Array, "rows b"]
@@ -61,8 +60,6 @@ class Obstacles(eqx.Module):
     """Steady velocity, of free obstacles the initial one (m/s)."""
     carried: tuple[int, ...] = eqx.field(static=True)
     """Obstacles that start with the water's velocity, and keep it unless they are free."""
-    still: bool = eqx.field(static=True, default=False)
-    """Whether the free ones are held, for statics."""
     surfaces: tuple[Surface | None, ...] = ()
     """Surfaces about the positions of obstacles, None of a round one or a plane; may be empty."""
 
@@ -73,8 +70,8 @@ class Obstacles(eqx.Module):
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Indices of the obstacles that are free, and not held."""
-        return () if self.bodies is None or self.still else self.bodies.index
+        """Indices of the obstacles that are free."""
+        return () if self.bodies is None else self.bodies.index
 
     @property
     def rows(self) -> int:
@@ -103,10 +100,6 @@ class Obstacles(eqx.Module):
     def prescribed(self) -> np.ndarray:
         """Indices of the obstacles with a prescribed motion."""
         return np.setdiff1d(np.arange(self.count), self.free)
-
-    def held(self) -> "Obstacles":
-        """Return the same obstacles, none of them free, for statics."""
-        return replace(self, still=True)
 
     def begin(self, points: Points, velocity: Callable[[Points], Points]) -> Points:
         """Return the initial velocities of the obstacles; ``velocity`` is the water's."""
@@ -138,18 +131,21 @@ class Obstacles(eqx.Module):
             self.drift.at[at].set(velocity(reached), unique_indices=True),
         )
 
-    def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:
-        """Return the distance of obstacles from edges (m), and the forces on all rows (N)."""
-        gap, forces = self.each(Contact.push, self.motions(motion))
+    def push(self, motion: Motion, pose: Pose | None) -> tuple[Float[Array, "m e"], Rows]:
+        """Return the distance of obstacles from edges (m), and the forces on all rows (N).
+
+        ``pose`` has their attitudes at the start of the step, where some are free.
+        """
+        gap, forces = self.each(Contact.push, self.motions(motion, pose))
         rows = self.scatter(forces, motion.position.shape[0])
         return gap.reshape(self.count, -1), rows
 
-    def touch(self, motion: Motion) -> tuple[Touch, Float[Array, "n b"]]:
+    def touch(self, motion: Motion, pose: Pose | None) -> tuple[Touch, Float[Array, "n b"]]:
         """Return the present contact, and the forces on the nodes (N).
 
         In space the last column has the torques about the edges that end there (N m).
         """
-        gap, rows = self.push(motion)
+        gap, rows = self.push(motion, pose)
         force = -rows[-self.rows :][: self.count, : self.contact.axes]
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
@@ -161,9 +157,11 @@ class Obstacles(eqx.Module):
         _, pressing = self.contact.press(gap.reshape(-1))
         return pressing.reshape(gap.shape) > 0
 
-    def edge_force(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
+    def edge_force(
+        self, motion: Motion, pose: Pose | None, inside: Bool[Array, " e"]
+    ) -> Float[Array, " d"]:
         """Return the total force of all obstacles on some of the edges (N)."""
-        _, forces = self.each(Contact.push, self.motions(motion))
+        _, forces = self.each(Contact.push, self.motions(motion, pose))
         each = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
         on_edges = self.on_edges(jnp.sum(each, axis=0))
         return jnp.sum(jnp.where(inside[:, None], on_edges, 0.0), axis=0)
@@ -174,14 +172,10 @@ class Obstacles(eqx.Module):
             return windows
         return windows[:-1].at[-1].add(windows[-1])
 
-    @property
-    def posed_contact(self) -> Contact:
-        """Contact with the attitude of each obstacle."""
-        if self.bodies is None:
-            return self.contact
+    def _of_pairs(self, pose: Pose | None) -> Pose | None:
+        """Return the attitude of the obstacle of each pair."""
         edges = self.contact.radius.shape[0] // self.count
-        pose = jax.tree.map(lambda x: jnp.repeat(x, edges, axis=0), self.bodies.pose)
-        return replace(self.contact, pose=pose)
+        return jax.tree.map(lambda x: jnp.repeat(x, edges, axis=0), pose)
 
     def windows(self, rows: Rows) -> Float[Array, "pairs k b"]:
         """Return the windows of each edge with each obstacle, obstacle by obstacle."""
@@ -195,21 +189,22 @@ class Obstacles(eqx.Module):
         pairs = jnp.concatenate([jnp.broadcast_to(edges, shape), each], axis=2)
         return pairs.reshape(-1, *pairs.shape[2:])
 
-    def motions(self, motion: Motion) -> Motion:
+    def motions(self, motion: Motion, pose: Pose | None) -> Motion:
         """Return the motion of each edge with each obstacle."""
-        width = motion.position.shape[1]
-        return motion.windows(self.windows, self.contact.radius.shape, width)
+        moving = motion.windows(self.windows, self.contact.radius.shape, motion.position.shape[1])
+        return moving.remembering(self._of_pairs(pose), None)
 
-    def gaps(self, rows: Rows) -> Float[Array, "m e"]:
+    def gaps(self, rows: Rows, pose: Pose | None) -> Float[Array, "m e"]:
         """Return the distance of each obstacle from each edge (m)."""
-        return self.each(Contact.gap, self.windows(rows)).reshape(self.count, -1)
+        gaps = self.each(Contact.gap, self.windows(rows), self._of_pairs(pose))
+        return gaps.reshape(self.count, -1)
 
     def each(self, of: Callable[..., Any], *pairs: Any) -> Any:
         """Return a function of the contact and of arrays of each pair, obstacle by obstacle."""
         if not self.surfaces:
-            return jax.vmap(of)(self.posed_contact, *pairs)
+            return jax.vmap(of)(self.contact, *pairs)
         whole = jax.tree.map(
-            lambda x: x.reshape(self.count, -1, *x.shape[1:]), (self.posed_contact, *pairs)
+            lambda x: x.reshape(self.count, -1, *x.shape[1:]), (self.contact, *pairs)
         )
         # each surface alone, as their grids differ in size; all others together
         alone = [index for index, surface in enumerate(self.surfaces) if surface is not None]

@@ -18,9 +18,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.dynamics import statics, windows
-from crinoid.dynamics.arm import Memory
+from crinoid.dynamics import statics
+from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance
+from crinoid.dynamics.context import Context, Memory
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
@@ -30,6 +31,7 @@ from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
 
 Rows = Float[Array, "rows b"]
+Way = tuple[Forces, Context]
 
 _ROUNDS = 16
 """Number of solves with friction; a fixed one, so that both modes of differentiation apply."""
@@ -40,25 +42,28 @@ _SETTLED = 1e-7
 def find(
     reference: Reference,
     forces: Forces,
+    context: Context,
     settings: Settings,
     time: Float[Array, ""],
     start: Rows,
     frames: Frames | None,
-) -> tuple[Forces, Rows, Frames | None, Outcome]:
+) -> tuple[ActingForces, Rows, Frames | None, Outcome]:
     """Find a stable equilibrium of an arm, and its forces with the friction of tendons there.
 
     The arguments are those of `crinoid.dynamics.statics.find`, in a flow that is not yet frozen.
     """
-    frozen = forces.frozen(time)
+    still = context.at_rest(time)
+    frozen = ActingForces.of(forces, still)
     if not _rubs(forces):
-        return forces, *statics.find(reference, frozen, settings, time, start, frames)
-    assert forces.drive is not None
+        found = statics.find(reference, frozen, settings, time, start, frames)
+        return ActingForces.of(forces, context), *found
+    assert context.drive is not None
 
     def under(drive: Float[Array, " drive"]) -> tuple[Rows, Frames | None, Outcome]:
-        loaded = frozen.driven(drive)
+        loaded = ActingForces.of(forces, replace(still, drive=drive))
         return statics.find(reference, loaded, settings, time, start, frames)
 
-    drives = jnp.stack([jnp.zeros_like(forces.drive), forces.drive])
+    drives = jnp.stack([jnp.zeros_like(context.drive), context.drive])
     unloaded, loaded = (
         jax.tree.map(lambda x, k=k: x[k], jax.lax.map(under, drives)) for k in (0, 1)
     )
@@ -87,7 +92,8 @@ def find(
     outcome = _judged(outcome, moved[-1], _SETTLED * reference.length)
     found = outcome.converged & loaded[2].converged & unloaded[2].converged
     outcome = replace(outcome, converged=found)
-    return _slid(forces, slack, _memory(frozen, time, position, frames)), position, frames, outcome
+    slid = _slid(ActingForces.of(forces, context), slack, _memory(frozen, time, position, frames))
+    return slid, position, frames, outcome
 
 
 _STEPS = 8
@@ -96,27 +102,31 @@ _STEPS = 8
 
 def follow(
     reference: Reference,
-    way: tuple[Forces, Forces],
+    way: tuple[Way, Way],
     settings: Settings,
     time: Float[Array, ""],
     starts: tuple[Rows, Rows],
     frames: Frames | None,
     memory: Memory,
-) -> tuple[Forces, Rows, Frames | None, Outcome]:
+) -> tuple[ActingForces, Rows, Frames | None, Outcome]:
     """Find the equilibrium that an arm reaches while its loads change slowly.
 
     Where tendons rub it is known to the sliding within which their friction develops.
 
-    On the ``way`` are the forces before and after, which differ in numbers. ``starts`` are the
+    On the ``way`` are the forces before and after, with their contexts, which differ in numbers,
+    ``starts`` are the
     shape before, and the same with the base and the obstacles as they are after (m); ``memory`` is
     that of the elements before.
     """
-    before, after = (each.frozen(time) for each in way)
-    if not _rubs(after):
-        found = statics.find(reference, after, settings, time, starts[1], frames, follows=True)
-        return way[1], *found
-    careful = statics.careful(after, settings)
-    none, no_tangent = jnp.zeros_like(starts[1]), ReusedTangent.none(after, starts[1])
+    before, after = ((forces, context.at_rest(time)) for forces, context in way)
+    if not _rubs(after[0]):
+        still = ActingForces.of(*after)
+        found = statics.find(reference, still, settings, time, starts[1], frames, follows=True)
+        return ActingForces.of(*way[1]), *found
+    at_end = ActingForces.of(*after)
+    careful = statics.careful(at_end, settings)
+    none, no_tangent = jnp.zeros_like(starts[1]), ReusedTangent.none(at_end, starts[1])
+    one = jnp.ones(())
     moved_base = starts[1] - starts[0]
     Shape = tuple[Rows, Frames | None, Memory]
 
@@ -124,8 +134,10 @@ def follow(
         old, frames, memory = shape
         at, gone = share
         position = old + gone * moved_base
-        forces = jax.tree.map(lambda a, b: jnp.where(a == b, b, a + at * (b - a)), before, after)
-        rubbing = forces.remembering(memory, 1.0)
+        forces, context = jax.tree.map(
+            lambda a, b: jnp.where(a == b, b, a + at * (b - a)), before, after
+        )
+        rubbing = ActingForces.of(forces, context.remembering(memory, one))
         stage = statics.static_stage(time, position, frames)
         around = rubbing.surroundings(stage, none)
         correction, _, outcome, _ = solve(
@@ -138,21 +150,23 @@ def follow(
     def approach(shape: Shape, shares: tuple[Array, Array]) -> tuple[Shape, tuple[Outcome, Array]]:
         (position, frames, memory), _ = jax.lax.scan(advance, shape, shares)
         # out of unstable shapes, and to those that no small step reaches
-        rubbing = after.remembering(memory, 1.0)
+        rubbing = ActingForces.of(after[0], after[1].remembering(memory, one))
         there = statics.find(reference, rubbing, settings, time, position, frames, follows=True)
         shape = _settled(rubbing, time, *there[:2])
-        moved = jnp.max(jnp.abs((there[0] - position)[:, : after.axes]))
+        moved = jnp.max(jnp.abs((there[0] - position)[:, : at_end.axes]))
         return shape, (there[2], moved)
 
     on_the_way = jnp.arange(1, _STEPS + 1) / _STEPS, jnp.full(_STEPS, 1 / _STEPS)
     at_the_end = jnp.ones(_STEPS), jnp.zeros(_STEPS)
-    begin = (starts[0], frames, _of_threads(before, memory))
+    begin = (starts[0], frames, _of_threads(before[0], memory))
     (position, frames, memory), (outcomes, moved) = jax.lax.scan(
         approach, begin, jax.tree.map(lambda *each: jnp.stack(each), on_the_way, at_the_end)
     )
     outcome = jax.tree.map(itemgetter(-1), outcomes)
     outcome = _judged(outcome, moved[-1], ADHESION * reference.length)
-    return way[1].remembering(memory, 0.0), position, frames, outcome
+    forces, context = way[1]
+    slid = ActingForces.of(forces, context.remembering(memory, jnp.zeros(())))
+    return slid, position, frames, outcome
 
 
 def _judged(outcome: Outcome, moved: Float[Array, ""], most: Float[Array, ""]) -> Outcome:
@@ -172,30 +186,24 @@ def _of_threads(forces: Forces, memory: Memory) -> Memory:
 
 
 def _settled(
-    forces: Forces, time: Array, position: Rows, frames: Frames | None
+    forces: ActingForces, time: Array, position: Rows, frames: Frames | None
 ) -> tuple[Rows, Frames | None, Memory]:
     """Return a new shape, its frames, and the memory of the threads that slid there."""
     if frames is not None:
         nodes = forces.nodes(position)
         frames = jax.lax.stop_gradient(Frames.of(nodes, frames.at(nodes)))
     motion = statics.static_motion(forces, time, position, frames)
-    memory = tuple(
-        jax.vmap(lambda e, m: e.advance(m))(each, windows.motion_windows(each, motion))
-        if isinstance(each, Threads) and each.remembers
-        else None
-        for each in forces.elements
-    )
-    return position, frames, memory
+    return position, frames, _of_threads(forces, forces.arm.memory_after(motion))
 
 
-def _memory(forces: Forces, time: Array, position: Rows, frames: Frames | None) -> Memory:
-    return forces.memory_at_start(statics.static_motion(forces, time, position, frames))
+def _memory(forces: ActingForces, time: Array, position: Rows, frames: Frames | None) -> Memory:
+    return forces.arm.memory_at_start(statics.static_motion(forces, time, position, frames))
 
 
-def _slid(forces: Forces, before: Memory, now: Memory) -> Forces:
+def _slid(forces: ActingForces, before: Memory, now: Memory) -> ActingForces:
     """Return the forces with the friction of threads that slid from one shape to another."""
-    elements = tuple(
-        each.slid(one, other) if isinstance(each, Threads) and one is not None else each
-        for each, one, other in zip(forces.elements, before, now, strict=True)
+    held = tuple(
+        (each.slid(one, other), None) if isinstance(each, Threads) and one is not None else kept
+        for each, kept, one, other in zip(forces.elements, forces.held, before, now, strict=True)
     )
-    return replace(forces, elements=elements)
+    return replace(forces, held=held)

@@ -1,5 +1,6 @@
 """Linearisation about a shape at rest: stiffness, damping, mass, and influence of the inputs."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,13 +10,14 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base
 from crinoid.dynamics import statics
+from crinoid.dynamics.acting import ActingForces
+from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.state import State, tip_pose
 from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.numerics import banded
-from crinoid.numerics.frames import Frames
 from crinoid.numerics.small_matrices import product
 
 
@@ -51,7 +53,7 @@ class Influence(NamedTuple):
 
 
 def influence(base: Base, forces: Forces, state: State) -> Influence:
-    """Return the influence of the inputs about ``state``, taken as still, under its ``forces``."""
+    """Return the influence of the inputs about ``state``, taken as still."""
     pose, _, _ = base.pose(state.time, state.servo)
     none = jnp.zeros_like(pose)
     held = jax.vmap(lambda rate: base.moving(pose, rate, none).velocity, out_axes=-1)(
@@ -62,20 +64,21 @@ def influence(base: Base, forces: Forces, state: State) -> Influence:
         held = held.at[:, :axes].set(product(state.attitude, held[:, :axes]))
     rows = state.motion.position
     stage, none = statics.static_stage(state.time, rows, state.frames), jnp.zeros_like(rows)
-    forces = forces.frozen(state.time)
-    around = forces.surroundings(stage, none)
+    context = state.context.at_rest(state.time)
+    acting = ActingForces.of(forces, context)
+    around = acting.surroundings(stage, none)
 
     def balance(drive: Array) -> Float[Array, "n b"]:
-        driven = forces.driven(drive)
+        driven = ActingForces.of(forces, replace(context, drive=drive))
         motion = driven.motion(stage, none, around)
         return -driven.nodes(driven.residual(motion)[0])
 
     loads = jnp.zeros((*forces.nodes(rows).shape, 0))
-    if forces.drive is not None:
-        loads = jax.jacfwd(balance)(forces.drive)
+    if context.drive is not None:
+        loads = jax.jacfwd(balance)(context.drive)
     lines = None
     if forces.lines is not None or forces.far_contacts:
-        lines = forces.tangent(stage, forces.motion(stage, none, around), around).of_lines
+        lines = acting.tangent(stage, acting.motion(stage, none, around), around).of_lines
     return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)
 
 
@@ -96,20 +99,15 @@ class SmallMotions(NamedTuple):
     """Stiffness of a material with Maxwell branches, relaxed and without loads and tension."""
 
 
-def linearise(
-    forces: Forces,
-    time: Float[Array, ""],
-    position: Float[Array, "rows b"],
-    frames: Frames | None,
-    current: Float[Array, " d"],
-) -> SmallMotions:
-    """Linearise the forces on the nodes about a shape at rest.
+def linearise(laws: Forces, state: State, current: Float[Array, " d"]) -> SmallMotions:
+    """Linearise the forces on the nodes about the shape of a state, taken as still.
 
-    Three flows: the one at ``time``, a steady ``current`` (m/s) past the same shape, and still
-    water. Obstacles keep their places (in ``position``, the rows after the nodes). In space
-    ``frames`` are those of the shape.
+    Three flows: the one at its time, a steady ``current`` (m/s) past the same shape, and still
+    water. Obstacles keep their places.
     """
-    forces = forces.frozen(time)
+    time, position, frames = state.time, state.motion.position, state.frames
+    context = state.context.at_rest(time)
+    forces = ActingForces.of(laws, context)
     zero = jnp.zeros_like(position)
 
     def tangent(by: Float[Array, "3"], steady: Bool[Array, ""], speed: Array) -> banded.Bands:
@@ -125,24 +123,25 @@ def linearise(
     speed = jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0])
     # sequential, so that the tangent is compiled once
     found = jax.lax.map(lambda one: tangent(*one), (of, steady, speed))
-    return SmallMotions(*found, elastic=_elastic(forces, time, position, frames, found[0]))
+    return SmallMotions(*found, elastic=_elastic(laws, context, state, found[0]))
 
 
 def _elastic(
-    forces: Forces, time: Array, position: Array, frames: Frames | None, relaxed: banded.Bands
+    laws: Forces, context: Context, state: State, relaxed: banded.Bands
 ) -> banded.Bands | None:
     """Return the stiffness of the material alone, if it has Maxwell branches.
 
     At first these resist a deformation by the sum of their ratios times that stiffness.
     """
-    stretch, zero = forces.stretch, jnp.zeros_like(position)
+    stretch, zero = laws.stretch, jnp.zeros_like(state.motion.position)
     if stretch is None or stretch.material.relaxation is None:
         return None
-    stage = statics.static_stage(time, position, frames)
+    stage = statics.static_stage(state.time, state.motion.position, state.frames)
+    forces = ActingForces.of(laws, context)
     around = forces.surroundings(stage, zero)
     motion = forces.motion(stage, zero, around)
-    memory = zip(forces.elements, forces.memory_at_start(motion), strict=True)
+    memory = zip(forces.elements, forces.arm.memory_at_start(motion), strict=True)
     strained = tuple(held if hasattr(one, "material") else None for one, held in memory)
-    at_once = forces.remembering(strained, 0.0)
+    at_once = ActingForces.of(laws, context.remembering(strained, jnp.zeros(())))
     more = at_once.tangent(stage, at_once.motion(stage, zero, around), around).bands - relaxed
     return more / jnp.sum(stretch.material.relaxation[0, 0])

@@ -1,6 +1,7 @@
 """Initial and boundary conditions, and the predictor of a time step."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -10,21 +11,40 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base, Prescribed, ServoState
+from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance, implicit_derivative
+from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.newton import ReusedTangent
 from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, ROTATION, SPIN
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import Tangent
-from crinoid.elements import Motion
 from crinoid.numerics.banded import pad_columns, with_first_rows
 from crinoid.numerics.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.numerics.small_matrices import product
 from crinoid.rod.reference import Reference
 
 
-def with_prescribed_motion(
+def at_end(
+    forces: Forces,
+    base: Base,
+    servo: ServoState,
+    context: Context,
+    stage: StepMap,
+    state: State,
+    step: Array,
+) -> tuple[ActingForces, Prescribed | None, StepMap]:
+    """Return the forces at the end of a step, and the stage with prescribed motions set.
+
+    Also the motion of the base, None on a floating vehicle. The step of given length (s) starts
+    from ``state``; ``context`` lacks the clamp on a vehicle.
+    """
+    acting = ActingForces.of(forces, mounted(context, forces, base, stage.time, servo, state))
+    held = None if forces.vehicle is not None else base.prescribe(stage.time, servo)
+    return acting, held, _with_prescribed_motion(acting, held, stage, state, step)
+
+
+def _with_prescribed_motion(
     forces: Forces, held: Prescribed | None, stage: StepMap, state: State, step: Array
 ) -> StepMap:
     """Return the stage with the prescribed motion of boundary nodes and obstacles set.
@@ -191,41 +211,46 @@ def rigid_body_velocity(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[A
     return jnp.concatenate([velocity, dot(tangents(nodes), turning)[:, None]], axis=1)
 
 
-def with_mount(
-    forces: Forces, base: Base, time: Array, servo: ServoState, before: State | None = None
-) -> Forces:
-    """Return the forces on a vehicle, if any, at the end of a step from a state or at the start.
+def mounted(
+    context: Context,
+    forces: Forces,
+    base: Base,
+    time: Array,
+    servo: ServoState,
+    before: State | None = None,
+) -> Context:
+    """Return a context with the clamp on a floating vehicle, if any.
 
-    The obstacles have the attitude at the start of the step.
+    At the end of a step from a state, or at the start.
     """
-    if before is not None:
-        forces = forces.turned(before.attitude, before.obstacle_attitude, before.motion.position)
     vehicle, axes = forces.vehicle, forces.axes
     if vehicle is None:
-        return forces
+        return context
     turns = 1 if axes == 2 else 3
     attitude, turn = jnp.eye(axes), jnp.zeros(turns)
     if before is not None:
         assert before.attitude is not None
         attitude, turn = before.attitude, before.motion.position[ROTATION, :turns]
-    return forces.mounted(vehicle.mount(base.prescribe(time, servo), attitude, turn))
+    mount = vehicle.mount(base.prescribe(time, servo), attitude, turn)
+    return replace(context, mount=mount)
 
 
 def begin(
-    forces: Forces,
+    forces: ActingForces,
     base: Base,
-    servo: ServoState,
+    followers: Sequence[Any],
     time: Float[Array, ""],
     position: Rows,
     frames: Frames | None,
-) -> tuple[Forces, Motion, Float[Array, "held b"]]:
-    """Return forces, motion and reaction (N) of a shape that starts from rest on its base.
+) -> State:
+    """Return the state of a shape that starts from rest on its base.
 
     It moves rigidly with the base, with the acceleration in balance; a floating vehicle starts from
     rest.
     """
-    forces = with_mount(forces, base, time, servo)
-    nodes, held = forces.nodes(position), base.prescribe(time, servo)
+    context = mounted(forces.context, forces, base, time, followers[0])
+    forces = replace(forces, context=context)
+    nodes, held = forces.nodes(position), base.prescribe(time, followers[0])
     moving = [with_first_rows(held.velocity, rigid_body_velocity(held, nodes))]
     obstacles = forces.obstacles
     if obstacles is not None:
@@ -241,10 +266,11 @@ def begin(
     fixed_fields, one = ("position", "velocity"), jnp.ones(())
     stage = StepMap(time, position, velocity, accelerated, zero, zero, one, frames, fixed_fields)
     around = forces.surroundings(stage, none)
-    memory = forces.memory_at_start(forces.motion(stage, none, around))
-    forces = forces.remembering(memory, 0.0)
+    memory = forces.arm.memory_at_start(forces.motion(stage, none, around))
+    forces = ActingForces.of(forces, context.remembering(memory, zero))
     acceleration, reaction = _acceleration(Balance(forces, around, stage))
-    return forces, forces.motion(stage, acceleration, around), reaction
+    motion = forces.motion(stage, acceleration, around)
+    return State.of(forces, motion, reaction, followers, forces.arm.memory_at_start(motion))
 
 
 @eqx.filter_custom_jvp
@@ -270,33 +296,3 @@ def _one_step(balance: Balance) -> tuple[Rows, Float[Array, "held b"], Tangent]:
     tangent = balance.tangent(motion)
     acceleration = tangent.solve(-residual)
     return acceleration, residual[:BOUNDARY_NODES] + tangent.on_held(acceleration), tangent
-
-
-def steady_state(
-    forces: Forces,
-    motion: Motion,
-    reaction: Float[Array, "held b"],
-    followers: Sequence[Any],
-) -> State:
-    """Return the state of an arm in steady motion, without a grip.
-
-    ``reaction`` has the forces on the ghost node and the root (N), ``followers`` the states of the
-    base's servo and of the other actuators.
-    """
-    servo, *actuators = followers
-    return State(
-        motion=motion,
-        auxiliary_offset=jnp.zeros_like(motion.position),
-        servo=servo,
-        actuators=tuple(actuators),
-        reaction=reaction,
-        gap=forces.gaps(motion.position),
-        far_gaps=forces.far_gaps(motion.position),
-        acceleration_history=jnp.stack([motion.acceleration] * 5),
-        predictor_accepted=jnp.asarray(False),
-        reused_tangent=ReusedTangent.none(forces, motion.position),
-        attitude=forces.attitude(motion.position),
-        obstacle_attitude=forces.obstacle_attitude(motion),
-        body_gap=forces.body_gaps(motion.position),
-        memory=forces.memory_at_start(motion),
-    )

@@ -1,5 +1,6 @@
 """State of an arm, and the account of its energy."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,13 +9,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base, ServoState
-from crinoid.dynamics.arm import Memory
+from crinoid.dynamics.acting import ActingForces
+from crinoid.dynamics.context import Context, Memory
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.gripper import GripState, with_grip
+from crinoid.dynamics.gripper import GripState
 from crinoid.dynamics.newton import ReusedTangent
 from crinoid.dynamics.obstacles import Touch
 from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, RowLayout
-from crinoid.elements import WORKS, Motion
+from crinoid.elements import WORKS, Motion, Pose
 from crinoid.numerics.frames import Frames, beyond, unit
 
 Nodes = Any  # (n, d), of one state or of many at once, in JAX or NumPy
@@ -85,6 +87,56 @@ class State(eqx.Module):
     body_gap: Float[Array, " pair"] | None = None
     memory: Memory = ()
 
+    @staticmethod
+    def of(
+        forces: ActingForces,
+        motion: Motion,
+        reaction: Float[Array, "2 b"],
+        followers: Sequence[Any],
+        memory: Memory,
+    ) -> "State":
+        """Return the state of a motion that is balanced by forces, after a steady motion.
+
+        ``reaction`` has the forces on the ghost node and the root (N), ``followers`` the states of
+        the base's servo and of the other actuators.
+        """
+        servo, *actuators = followers
+        rows = motion.position
+        return State(
+            motion=motion,
+            auxiliary_offset=jnp.zeros_like(rows),
+            servo=servo,
+            actuators=tuple(actuators),
+            reaction=reaction,
+            gap=forces.gaps(rows),
+            far_gaps=forces.far_gaps(rows),
+            acceleration_history=jnp.stack([motion.acceleration] * 5),
+            predictor_accepted=jnp.asarray(False),
+            reused_tangent=ReusedTangent.none(forces, rows),
+            attitude=forces.attitude(rows),
+            obstacle_attitude=forces.obstacle_attitude(motion),
+            body_gap=forces.body_gaps(rows),
+            grip=forces.context.grip,
+            memory=memory,
+        )
+
+    @property
+    def context(self) -> Context:
+        """Context of the forces at the start of a step from here."""
+        pose = None
+        if self.obstacle_attitude is not None:
+            turns = 1 if self._axes == 2 else 3
+            turn = self.motion.position[self._rows.rotations, :turns]
+            pose = Pose(self.obstacle_attitude, turn)
+        return Context(
+            drive=self.motion.drive,
+            memory=self.memory,
+            step=jnp.zeros(()),
+            grip=self.grip,
+            pose=pose,
+            attitude=self.attitude,
+        )
+
     @property
     def time(self) -> Any:
         """Time (s)."""
@@ -151,12 +203,6 @@ class State(eqx.Module):
         """Position of the centre of mass of a floating vehicle (m), if there is one."""
         return None if self.attitude is None else self.motion.position[..., CENTRE, : self._axes]
 
-    def remembered(self, forces: Forces) -> Forces:
-        """Return a copy of the forces with grip, memory and attitudes of this state."""
-        forces = forces.remembering(self.memory, 0.0)
-        forces = forces.turned(self.attitude, self.obstacle_attitude, self.motion.position)
-        return with_grip(forces, self.grip)
-
     @property
     def _axes(self) -> int:
         return int(self.motion.flow_velocity.shape[-1])
@@ -206,17 +252,16 @@ class EnergyAccount(eqx.Module):
     def of(forces: Forces, state: State) -> "EnergyAccount":
         """Open the account of an arm that starts from ``state``."""
         nodes = forces.nodes(state.motion.position).shape[0]
-        remembered = state.remembered(forces)
-        known = remembered.nonconservative_forces(state.motion, nodes)
+        acting = ActingForces.of(forces, state.context)
+        known = acting.arm.nonconservative_forces(state.motion, nodes)
         contact = None
         if forces.obstacles is not None:
-            motion = forces.obstacle_motion(state.motion)
-            assert remembered.obstacles is not None
-            contact, known["contact"] = remembered.obstacles.touch(motion)
-        for far in remembered.far_contacts:
+            motion = acting.obstacle_motion(state.motion)
+            contact, known["contact"] = forces.obstacles.touch(motion, acting.pose)
+        for far in acting.far_contacts_at(state.motion.position):
             pushed = far.push(state.motion)[:nodes]
             known["contact"] = known.get("contact", 0.0) + pushed
-        held = remembered.memory_energy(state.motion)
+        held = acting.arm.memory_energy(state.motion)
         return EnergyAccount(known, jnp.zeros(len(WORKS)), contact, held)
 
     def after(self, forces: Forces, before: State, after: State, step: Array) -> "EnergyAccount":

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance, implicit_derivative, zero_tangents
-from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
@@ -56,13 +56,15 @@ def static_stage(
     return StepMap(time, position, zero, zero, one, jnp.zeros(()), shift, frames, ("velocity",))
 
 
-def static_motion(forces: Forces, time: Array, position: Rows, frames: Frames | None) -> Motion:
+def static_motion(
+    forces: ActingForces, time: Array, position: Rows, frames: Frames | None
+) -> Motion:
     """Return the motion of an arm at rest, in the water around it."""
     stage, none = static_stage(time, position, frames), jnp.zeros_like(position)
     return forces.motion(stage, none, forces.surroundings(stage, none))
 
 
-def careful(forces: Forces, settings: Settings) -> Settings:
+def careful(forces: ActingForces, settings: Settings) -> Settings:
     """Return the settings of a static solve from those of a time step."""
     found = [each.finest for each in forces.far_contacts]
     found += [] if forces.obstacles is None else [forces.obstacles.finest]
@@ -77,7 +79,7 @@ def careful(forces: Forces, settings: Settings) -> Settings:
 
 def find(
     reference: Reference,
-    forces: Forces,
+    forces: ActingForces,
     settings: Settings,
     time: Float[Array, ""],
     start: Rows,
@@ -139,7 +141,7 @@ class _Continuation(eqx.Module):
 
 @eqx.filter_custom_jvp
 def equilibrium(
-    forces: Forces,
+    forces: ActingForces,
     time: Float[Array, ""],
     start: Rows,
     frames: Frames | None,
@@ -312,7 +314,7 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     position, frames, outcome = equilibrium(*primals)
     held = jnp.zeros_like(start) if t_start is None else t_start
 
-    def begin(forces: Forces, time: Array, position: Rows) -> tuple[StepMap, Surroundings]:
+    def begin(forces: ActingForces, time: Array, position: Rows) -> tuple[StepMap, Surroundings]:
         stage = static_stage(time, position, frames)
         return stage, forces.surroundings(stage, jnp.zeros_like(start))
 

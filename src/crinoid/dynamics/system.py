@@ -13,8 +13,10 @@ from jaxtyping import Array, Float, Int
 from crinoid.actuation import Actuator, Input, drives, followed
 from crinoid.base import Base
 from crinoid.dynamics import modes, pulled, start, statics
+from crinoid.dynamics.acting import ActingForces
+from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.gripper import GripTriggers, with_grip
+from crinoid.dynamics.gripper import GripTriggers
 from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Settings
 from crinoid.dynamics.outcome import (
@@ -114,16 +116,21 @@ class System(TimeStepper):
     def _at_rest(self, time: Array) -> State:
         return self._begin(*self.undeformed(time))
 
-    def undeformed(self, time: float | Array) -> tuple[Forces, Array, Rows, Frames | None]:
+    def undeformed(self, time: float | Array) -> tuple[ActingForces, Array, Rows, Frames | None]:
         """Return the forces with actuators at rest, the time, and the undeformed shape then."""
         time = jnp.asarray(time, float)
-        forces = self.forces.driven(drives(self.actuators, [x.at_rest() for x in self.actuators]))
+        forces = ActingForces.of(self.forces, self._at_start)
         return forces, time, *start.undeformed(self.reference, self.base, forces, time)
+
+    @property
+    def _at_start(self) -> Context:
+        """Context of the forces with actuators at rest."""
+        return Context(drives(self.actuators, [each.at_rest() for each in self.actuators]))
 
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
         """Return the distance of each obstacle from the undeformed arm (m)."""
-        _, _, rows, _ = self.undeformed(time)
-        gaps = self.forces.gaps(rows)
+        forces, _, rows, _ = self.undeformed(time)
+        gaps = forces.gaps(rows)
         return jnp.zeros(0) if gaps is None else jnp.min(gaps, axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
@@ -168,10 +175,10 @@ class System(TimeStepper):
         -------
         tuple of State and Outcome
         """
-        forces, time, rows, frames = self.undeformed(time)
+        _, time, rows, frames = self.undeformed(time)
         rows = start.with_clamp_spin(self.base, time, rows, frames)
         forces, position, frames, outcome = pulled.find(
-            self.reference, forces, self.settings, time, rows, frames
+            self.reference, self.forces, self._at_start, self.settings, time, rows, frames
         )
         return self._begin(forces, time, position, frames), outcome
 
@@ -182,11 +189,11 @@ class System(TimeStepper):
         to its branch: past a limit point the arm snaps to the next equilibrium. The outcome says
         whether there is one.
         """
-        earlier, time, base_before, _ = before.undeformed(state.time)
-        forces, _, base_after, _ = self.undeformed(state.time)
+        _, time, base_before, _ = before.undeformed(state.time)
+        _, _, base_after, _ = self.undeformed(state.time)
         shape, frames = state.motion.position, state.frames
-        nodes = forces.nodes(shape).shape[0]
-        free = np.r_[BOUNDARY_NODES:nodes, forces.free_rows]
+        nodes = self.forces.nodes(shape).shape[0]
+        free = np.r_[BOUNDARY_NODES:nodes, self.forces.free_rows]
 
         def placed(base: Base, rows: Rows) -> Rows:
             rows = start.with_clamp_spin(base, time, rows, frames)
@@ -195,7 +202,7 @@ class System(TimeStepper):
         starts = placed(before.base, base_before), placed(self.base, base_after)
         forces, position, frames, outcome = pulled.follow(
             self.reference,
-            (earlier, forces),
+            ((before.forces, before._at_start), (self.forces, self._at_start)),
             self.settings,
             time,
             starts,
@@ -206,14 +213,13 @@ class System(TimeStepper):
 
     def stand(self, state: State) -> State:
         """Return the same shape without motion, in the flow frozen at its time."""
-        forces = self._driven(state).frozen(state.time)
+        forces = ActingForces.of(self.forces, state.context.at_rest(state.time))
         motion = statics.static_motion(forces, state.time, state.motion.position, state.frames)
         reaction = forces.residual(motion)[0][:BOUNDARY_NODES]
+        memory, followers = forces.arm.memory_at_start(motion), (state.servo, *state.actuators)
         return replace(
-            start.steady_state(forces, motion, reaction, (state.servo, *state.actuators)),
+            State.of(forces, motion, reaction, followers, memory),
             attitude=state.attitude,
-            obstacle_attitude=state.obstacle_attitude,
-            grip=state.grip,
             reused_tangent=state.reused_tangent,
         )
 
@@ -311,7 +317,7 @@ class System(TimeStepper):
         array (3)
             In the order of `crinoid.elements.ENERGIES` (J).
         """
-        return state.remembered(self.forces).energy(state.motion)
+        return ActingForces.of(self.forces, state.context).arm.energy(state.motion)
 
     def tip(self, state: State) -> Float[Array, " pose"]:
         """Return the tip's pose in the world.
@@ -378,9 +384,7 @@ class System(TimeStepper):
 
     def small_motions(self, state: State, current: Float[Array, " d"]) -> SmallMotions:
         """Return stiffness, damping and mass about ``state``, and in a steady ``current`` (m/s)."""
-        motion = state.motion
-        forces = self._driven(state)
-        return linearise(forces, state.time, motion.position, state.frames, current)
+        return linearise(self.forces, state, current)
 
     def natural_frequencies(
         self, state: State, *, count: int = modes.COUNT
@@ -425,7 +429,7 @@ class System(TimeStepper):
 
     def influence(self, state: State) -> Influence:
         """Return the influence of the inputs on boundary, loads and tip about a still ``state``."""
-        return influence(self.base, self._driven(state), state)
+        return influence(self.base, self.forces, state)
 
     def transition(
         self,
@@ -442,17 +446,12 @@ class System(TimeStepper):
         output = partial(observe or System.tip, self)
         return transition(self, state, command, self.time_step, output)
 
-    def _begin(self, forces: Forces, time: Array, position: Rows, frames: Frames | None) -> State:
+    def _begin(
+        self, forces: ActingForces, time: Array, position: Rows, frames: Frames | None
+    ) -> State:
         """Return the state of a shape that moves rigidly with the base, in dynamic balance."""
-        servo, *actuators = (one.at_rest() for one in self.followers)
-        forces, motion, held = start.begin(forces, self.base, servo, time, position, frames)
-        state = start.steady_state(forces, motion, held, (servo, *actuators))
+        followers = [one.at_rest() for one in self.followers]
+        state = start.begin(forces, self.base, followers, time, position, frames)
         return (
             state if self.grip_triggers is None else replace(state, grip=self.grip_triggers.begin())
         )
-
-    def _driven(self, state: State) -> Forces:
-        """Return the forces with the actuators, the grip and the attitudes of a state."""
-        forces = self.forces.driven(drives(self.actuators, state.actuators))
-        forces = forces.turned(state.attitude, state.obstacle_attitude, state.motion.position)
-        return with_grip(forces, state.grip)

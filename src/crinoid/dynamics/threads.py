@@ -13,8 +13,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.dynamics import windows
+from crinoid.dynamics.arm import Arm
 from crinoid.dynamics.integrator import StepMap
-from crinoid.elements import Element, Motion, Threads
+from crinoid.elements import Motion, Threads
+from crinoid.elements.tendon_friction import Rubbing
 from crinoid.numerics import banded
 
 Loads = Float[Array, " line"]
@@ -46,25 +48,25 @@ class LengthControlledThreads(eqx.Module):
     stiffness: Loads
     """``EA`` of a tendon (N), bulk modulus ``K`` of a fluid (Pa)."""
 
-    def loads(self, elements: tuple[Element, ...], motion: Motion) -> Loads:
+    def loads(self, arm: Arm, motion: Motion) -> Loads:
         """Return the tensions (N) and pressures (Pa) in a motion."""
         assert motion.drive is not None
-        threads = _threads(elements)
-        return threads.at_root(self._loads(_measured(threads, motion), motion.drive))
+        threads, memory = _threads(arm)
+        return threads.at_root(self._loads(_measured(threads, motion), motion.drive), memory)
 
     def slopes(
-        self, elements: tuple[Element, ...], stage: StepMap, motion: Motion, num_nodes: int
+        self, arm: Arm, stage: StepMap, motion: Motion, num_nodes: int
     ) -> Float[Array, "line n b"]:
         """Return the derivative of the loads by a correction of the nodes."""
         assert motion.drive is not None
-        drive, threads = motion.drive, _threads(elements)
+        drive, (threads, memory) = motion.drive, _threads(arm)
         by_window = jax.vmap(lambda e, m: e.measure_slope(m))
         by_windows = by_window(threads, windows.motion_windows(threads, motion))
         along = jax.vmap(lambda one: banded.scatter(one, threads.first, num_nodes), 1)(by_windows)
         measured = _measured(threads, motion)
         ones = jnp.ones_like(measured)
         slope = jax.jvp(lambda m: self._loads(m, drive), (measured,), (ones,))[1]
-        slope = threads.at_root(slope)
+        slope = threads.at_root(slope, memory)
         return stage.by_position * slope[:, None, None] * along
 
     def _loads(self, measured: Loads, drive: Float[Array, " drive"]) -> Loads:
@@ -75,8 +77,11 @@ class LengthControlledThreads(eqx.Module):
         return self.stiffness * jnp.where(np.asarray(self.fluid), free / measured - 1.0, taut)
 
 
-def _threads(elements: tuple[Element, ...]) -> Threads:
-    return next(element for element in elements if isinstance(element, Threads))
+def _threads(arm: Arm) -> tuple[Threads, Rubbing | None]:
+    """Return the threads, and the memory of their friction."""
+    found = ((each, held) for each, held in arm.laws if isinstance(each, Threads))
+    threads, held = next(found)
+    return threads, None if held is None else held[0]
 
 
 def _measured(threads: Threads, motion: Motion) -> Loads:

@@ -1,6 +1,7 @@
 """Time step: the state at its end, and whether that is accepted."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -10,15 +11,15 @@ from jaxtyping import Array, Float
 
 from crinoid.actuation import Actuator, drives
 from crinoid.base import Base
-from crinoid.dynamics import start
+from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.gripper import GripTriggers, with_grip
+from crinoid.dynamics.gripper import GripTriggers
 from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Settings, solve
 from crinoid.dynamics.outcome import MIN_COSINE, Outcome, cos_turn_angle
 from crinoid.dynamics.rows import BOUNDARY_NODES
-from crinoid.dynamics.start import expected_acceleration, first_guess, with_prescribed_motion
+from crinoid.dynamics.start import at_end, expected_acceleration, first_guess
 from crinoid.dynamics.state import State
 from crinoid.dynamics.windows import FlowPerturbation
 
@@ -58,12 +59,9 @@ class TimeStepper(eqx.Module):
         if self.grip_triggers is not None:
             obstacles = self.forces.obstacles
             grip = self.grip_triggers.after(obstacles, state.grip, state.gap, state.time)
-        forces = self.forces.driven(drives(self.actuators, actuators))
-        forces = with_grip(forces.remembering(state.memory, h), grip)
         stage = method.stage(before, state.auxiliary_offset, h, state.frames)
-        forces = start.with_mount(forces, self.base, stage.time, servo, state)
-        held = None if forces.mount is not None else self.base.prescribe(stage.time, servo)
-        stage = with_prescribed_motion(forces, held, stage, state, h)
+        context = replace(state.context, drive=drives(self.actuators, actuators), step=h, grip=grip)
+        forces, held, stage = at_end(self.forces, self.base, servo, context, stage, state, h)
 
         def correction_for(acceleration: Rows) -> Rows:
             free = method.correction(acceleration, h)[BOUNDARY_NODES:]  # the others are prescribed
@@ -81,31 +79,21 @@ class TimeStepper(eqx.Module):
             Balance(forces, around, stage), guess, self.settings, state.reused_tangent
         )
         motion = forces.motion(stage, correction, around)
-        after = State(
-            motion=motion,
+        after = replace(
+            State.of(forces, motion, reaction, ends, forces.arm.memory_after(motion)),
             auxiliary_offset=method.auxiliary_offset(
                 before.acceleration, state.auxiliary_offset, motion.acceleration, h
             ),
-            servo=servo,
-            actuators=tuple(actuators),
-            reaction=reaction,
-            gap=forces.gaps(motion.position),
-            far_gaps=forces.far_gaps(motion.position),
             acceleration_history=jnp.concatenate(
                 [before.acceleration[None], state.acceleration_history[:-1]]
             ),
             predictor_accepted=outcome.iterations == 0,
             reused_tangent=jax.lax.stop_gradient(reused_tangent),
-            attitude=forces.attitude(motion.position),
-            obstacle_attitude=forces.obstacle_attitude(motion),
-            body_gap=forces.body_gaps(motion.position),
-            grip=grip,
-            memory=forces.memory_after(motion),
         )
         return after, self._judged(forces, state, after, outcome, h)
 
     def _judged(
-        self, forces: Forces, state: State, after: State, outcome: Outcome, step: Array
+        self, forces: ActingForces, state: State, after: State, outcome: Outcome, step: Array
     ) -> Outcome:
         """Return the outcome of a step, rejected for a fold, a large error or a contact too fast.
 

@@ -6,7 +6,8 @@ states of the actuators. They determine the rest: the nodes that the base holds,
 space, the attitude of a vehicle, the reaction of the base.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,12 +18,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from crinoid.actuation import drives, followed
-from crinoid.dynamics import start
-from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.gripper import with_grip
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES, ROTATION, SPIN
-from crinoid.dynamics.start import with_prescribed_motion
+from crinoid.dynamics.start import at_end
 from crinoid.dynamics.state import State
 from crinoid.dynamics.time_step import TimeStepper
 from crinoid.dynamics.vehicle import turn_of, unknowns
@@ -92,7 +90,7 @@ class LocalCoordinates:
 
     def read(self, state: State) -> tuple[Coordinates, Following]:
         """Return the coordinates of the arm and of the actuators at a state."""
-        rows, forces = state.motion.position, self._forces(state.servo, state.actuators)
+        rows, forces = state.motion.position, self.system.forces
         frames = self.state.frames
         if frames is not None:  # by directors: spins depend on the path
             assert state.motion.orientation is not None
@@ -134,29 +132,19 @@ class LocalCoordinates:
             for rows, part in zip(known, moving.reshape(len(known), at.size), strict=True)
         )
         remembered = self._memory(memory)
-        forces = self._forces(servo, others).remembering(remembered, 0.0)
         one, zero = jnp.ones(()), jnp.zeros(())
         stage = StepMap(state.time, position, velocity, acceleration, one, zero, zero, state.frames)
-        held = None if forces.mount is not None else system.base.prescribe(state.time, servo)
-        stage = with_prescribed_motion(forces, held, stage, state, zero)
+        context = replace(state.context, drive=drives(system.actuators, others), memory=remembered)
+        forces, _, stage = at_end(system.forces, system.base, servo, context, stage, state, zero)
         none = jnp.zeros_like(position)
         moved = forces.motion(stage, none, forces.surroundings(stage, none))
-        return State(
-            motion=moved,
+        reaction = forces.residual(moved)[0][:BOUNDARY_NODES]
+        return replace(
+            State.of(forces, moved, reaction, (servo, *others), remembered),
             auxiliary_offset=auxiliary_offset,
-            servo=servo,
-            actuators=tuple(others),
-            reaction=forces.residual(moved)[0][:BOUNDARY_NODES],
-            gap=forces.gaps(moved.position),
-            far_gaps=forces.far_gaps(moved.position),
             acceleration_history=state.acceleration_history,
             predictor_accepted=state.predictor_accepted,
             reused_tangent=state.reused_tangent,
-            attitude=forces.attitude(moved.position),
-            obstacle_attitude=forces.obstacle_attitude(moved),
-            body_gap=forces.body_gaps(moved.position),
-            grip=state.grip,
-            memory=remembered,
         )
 
     def driven(self, actuators: Following) -> list[Any]:
@@ -178,12 +166,6 @@ class LocalCoordinates:
                 True
             )
         return np.flatnonzero(moves)
-
-    def _forces(self, servo: Any, actuators: Sequence[Any]) -> Forces:
-        system, state = self.system, self.state
-        forces = system.forces.driven(drives(system.actuators, actuators))
-        forces = with_grip(forces, state.grip)
-        return start.with_mount(forces, system.base, state.time, servo, state)
 
 
 def transition(

@@ -1,8 +1,7 @@
 """Elements on their windows of nodes: groups that share windows, residuals and Jacobians."""
 
-from collections.abc import Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -63,34 +62,44 @@ class Surroundings(eqx.Module):
         )
 
 
-Elements = tuple[Element, ...]
+Held = tuple[Any, Array | None] | None
+"""Memory of an element, prepared for a step, and the step's length in each window (s)."""
 Slopes = tuple[Array, Array | None]
 
 
-def groups(elements: Iterable[Element], axes: int) -> list[tuple[int, Elements]]:
-    """Return the elements in groups that share windows, with their first node.
+Laws = tuple[tuple[Element, Held], ...]
+"""Elements, each with its memory."""
+
+
+def groups(laws: Laws, axes: int) -> list[tuple[int, Laws]]:
+    """Return the laws in groups that share windows, with their first node.
 
     One pass over the windows serves a group: less to compile and to run. Elements with their own
     Jacobian gain nothing from that.
     """
-    found: dict[tuple[int, int, int, bool, bool], Elements] = {}
-    for element in elements:
+    found: dict[tuple[int, int, int, bool, bool], Laws] = {}
+    for element, held in laws:
         spins = element.spins and axes == 3
         own = isinstance(element, Linearised)
         key = (element.first, element.stencil, count(element), spins, own)
-        found[key] = (*found.get(key, ()), element)
+        found[key] = (*found.get(key, ()), (element, held))
     return [(first, some) for (first, *_), some in found.items()]
 
 
-def motion_windows(element: Element, motion: Motion) -> Motion:
-    """Return the motion in all windows of an element."""
+def remembering(window: Motion, held: Held) -> Motion:
+    """Return the motion of a window with the memory of its element."""
+    return window if held is None else window.remembering(*held)
+
+
+def motion_windows(element: Element, motion: Motion, held: Held = None) -> Motion:
+    """Return the motion in all windows of an element, with its memory."""
     axes, number = motion.flow_velocity.shape[1], count(element)
     width = motion.position.shape[1] if element.spins else axes
 
     def gather(rows: Array) -> Array:
         return banded.gather(rows, element.first, number, element.stencil)
 
-    return motion.windows(gather, (number,), width, oriented=element.spins)
+    return remembering(motion.windows(gather, (number,), width, oriented=element.spins), held)
 
 
 def count(element: Element) -> int:
@@ -105,15 +114,16 @@ def tangent_direction(stage: StepMap, slopes: Slopes) -> TangentDirection:
 
 
 def jacobian(
-    direction: TangentDirection, elements: Elements, window: Motion, load_factor: Array | None
+    direction: TangentDirection, laws: Laws, window: Motion, load_factor: Array | None
 ) -> Array:
     """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-    known = [e for e in elements if isinstance(e, Linearised)]  # all of a group or none
+    known = [(e, held) for e, held in laws if isinstance(e, Linearised)]  # all or none
     if known and "position" not in direction.fixed_fields:
-        return jnp.sum(jnp.stack([e.jacobian(window, direction) for e in known]), axis=0)
+        each = [e.jacobian(remembering(window, held), direction) for e, held in known]
+        return jnp.sum(jnp.stack(each), axis=0)
 
     def residual(window: Motion) -> Array:
-        return jnp.sum(residuals(elements, window, load_factor), axis=0)
+        return jnp.sum(residuals(laws, window, load_factor), axis=0)
 
     def along(correction: Float[Array, "k b"]) -> Array:
         return direction.derivative(residual, window, correction)
@@ -123,7 +133,8 @@ def jacobian(
     return jax.vmap(along, out_axes=-1)(basis).reshape(*shape, *shape)
 
 
-def residuals(elements: Elements, window: Motion, load_factor: Array | None) -> Array:
-    """Return the residual of each element in one window."""
+def residuals(laws: Laws, window: Motion, load_factor: Array | None) -> Array:
+    """Return the residual of each law in one window."""
     full = 1.0 if load_factor is None else load_factor
-    return jnp.stack([(full if e.external else 1.0) * e.residual(window) for e in elements])
+    each = [(full if e.external else 1.0) * e.residual(remembering(window, m)) for e, m in laws]
+    return jnp.stack(each)

@@ -36,6 +36,8 @@ class Body(Element):
     (cross-flow principle, Hoerner 1965, 3-11). So the water does not resist a turn about the axis
     of a capsule, nor that of a sphere. The water is that at the centre. Buoyancy acts at the height
     ``h`` above the centre of mass, along ``k``: upward at the start, turning with the body.
+
+    The memory is its `Pose`.
     """
 
     stencil: ClassVar[int] = 2
@@ -61,7 +63,6 @@ class Body(Element):
     """Added mass along its axis and across (kg)."""
     righting: Float[Array, "*count"]
     """Righting moment when it lies on its side (N m)."""
-    pose: Pose | None = None
 
     @staticmethod
     def of(
@@ -115,9 +116,9 @@ class Body(Element):
         return jnp.sqrt(largest / self.mass)
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
-        assert self.pose is not None
-        axes, turns = motion.flow_velocity.shape[1], self.pose.turn.size
-        body = self.pose.motion(motion.position, motion.velocity)
+        pose: Pose = motion.memory
+        axes, turns = motion.flow_velocity.shape[1], pose.turn.size
+        body = pose.motion(motion.position, motion.velocity)
         axis = product(body.attitude, self.axis)
 
         def added(vector: Float[Array, " d"]) -> Float[Array, " d"]:

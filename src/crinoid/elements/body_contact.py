@@ -1,7 +1,7 @@
 """Contact of a free body with another body."""
 
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -34,7 +34,7 @@ class BodyContact(Contact):
 
     The force law is that of `Contact`: the first body is a sphere, or one half of a capsule, in
     the place of the edge. So a capsule that lies on something touches it near both ends. A window
-    has the two rows of the first body, then those of the second.
+    has the two rows of the first body, then those of the second; the memory is the `Pose` of both.
 
     Contact begins where the surfaces meet: the skin, a fiftieth of the smaller radius, is within
     them, so that a body may start where it just touches another one. The force at the end of the
@@ -54,8 +54,6 @@ class BodyContact(Contact):
     """Moment of rolling resistance over the force (m)."""
     spinning: Float[Array, "*count"] = eqx.field(kw_only=True)
     """Moment of spinning friction over the force (m)."""
-    carrier: Pose | None = eqx.field(default=None, kw_only=True)
-    """Attitude of the first body; ``pose`` is that of the second."""
 
     @staticmethod
     def between(
@@ -103,14 +101,14 @@ class BodyContact(Contact):
         round_too = jnp.minimum(self.arm_radius, self.radius)
         return BODY_SKIN * jnp.where(jnp.any(self.normal != 0, axis=-1), self.arm_radius, round_too)
 
-    def gap(self, position: Float[Array, "4 b"]) -> Float[Array, ""]:
+    def gap(self, position: Float[Array, "4 b"], pose: Any) -> Float[Array, ""]:
         """Return the distance from the end of the skin (m): ``skin`` where the surfaces meet."""
-        one, other = self._bodies(position, 0 * position)
+        one, other = _bodies(pose, position, 0 * position)
         return self._between(one, other)[0]
 
     def push(self, motion: Motion) -> tuple[Float[Array, ""], Float[Array, "4 b"]]:
         """Return the gap (m), and forces (N) and moments (N m) on the rows of both bodies."""
-        one, other = self._bodies(motion.position, motion.velocity)
+        one, other = _bodies(motion.memory, motion.position, motion.velocity)
         gap, slopes, share, by_half = self._between(one, other)
         end, half = product(one.attitude, self.end), product(other.attitude, self.half_axis)
         rate = (
@@ -146,20 +144,16 @@ class BodyContact(Contact):
         rolls, spins = (eased_direction(self.arm_radius * x) for x in (turning - about, about))
         return -self.rolling * rolls - self.spinning * spins
 
-    def _bodies(
-        self, position: Float[Array, "4 b"], velocity: Float[Array, "4 b"]
-    ) -> tuple[RigidMotion, RigidMotion]:
-        assert self.carrier is not None
-        assert self.pose is not None
-        one, other = slice(0, 2), slice(2, 4)
-        return (
-            self.carrier.motion(position[one], velocity[one]),
-            self.pose.motion(position[other], velocity[other]),
-        )
-
     def _between(self, one: RigidMotion, other: RigidMotion) -> tuple[Array, Array, Array, Array]:
         """Return the gap and its gradients, as in `Contact`."""
         near = one.position
         places = jnp.stack([near, near + product(one.attitude, self.end), other.position])
         gap, slopes, share, by_half = self._closest(places, product(other.attitude, self.half_axis))
         return gap + self.skin, slopes, share, by_half
+
+
+def _bodies(
+    poses: tuple[Pose, Pose], position: Float[Array, "4 b"], velocity: Float[Array, "4 b"]
+) -> tuple[RigidMotion, RigidMotion]:
+    one, other = poses
+    return one.motion(position[:2], velocity[:2]), other.motion(position[2:], velocity[2:])

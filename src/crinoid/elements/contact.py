@@ -1,14 +1,13 @@
 """Contact of the arm with rigid bodies and itself: a penalty force in a soft skin, friction."""
 
 from abc import abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from crinoid.elements.element import Element, Motion
-from crinoid.elements.rigid import Pose
 from crinoid.numerics.frames import cross, moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
@@ -111,8 +110,9 @@ class Contact(SoftSkin):
     arm's surface, where the rotation of the edge adds to the velocity; its moment about the axis is
     a couple on the ends of the edge and, in space, a torque about it.
 
-    Near free bodies, which turn, a window has a fourth row, the obstacle's rotation: friction sees
-    its spin too, and acts on both at one point, on the arm's surface.
+    Near free bodies, which turn, a window has a fourth row, the obstacle's rotation, and the memory
+    is the obstacle's `Pose`, in whose axes ``half_axis`` then is. Friction sees its spin too, and
+    acts on both at one point, on the arm's surface.
 
     The ball of a tool is a further window of the last edge: its centre is in the place of the
     nearest point of the axis, and the force there acts on the nodes as on a rigid lever.
@@ -132,8 +132,6 @@ class Contact(SoftSkin):
     friction: Float[Array, "*count"]
     mass: Float[Array, "*count"]
     """Reduced mass of edge and obstacle (kg)."""
-    pose: Pose | None = None
-    """Attitude of the obstacle, in whose axes ``half_axis`` is then; None if none turns."""
     ball: Bool[Array, "*count"] | None = None
     """Whether a window is that of the tool's ball; None without one."""
     beyond: Float[Array, "*count"] | None = None
@@ -195,11 +193,11 @@ class Contact(SoftSkin):
         """Distance from the arm's surface at which contact begins (m)."""
         return SKIN * self.arm_radius
 
-    def gap(self, position: Float[Array, "k b"]) -> Float[Array, ""]:
-        """Return the distance of the surfaces (m)."""
+    def gap(self, position: Float[Array, "k b"], pose: Any) -> Float[Array, ""]:
+        """Return the distance of the surfaces (m); ``pose`` is the memory."""
         half = self.half_axis
-        if self.pose is not None:
-            half = product(self.pose.attitude_at(position[3]), half)
+        if pose is not None:
+            half = product(pose.attitude_at(position[3]), half)
         return self._touching(position[:3, : self.axes], half)[0]
 
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
@@ -213,8 +211,8 @@ class Contact(SoftSkin):
         """
         places, velocity = motion.position[:3, : self.axes], motion.velocity[:3, : self.axes]
         body, half = None, self.half_axis
-        if self.pose is not None:
-            body = self.pose.motion(motion.position[2:], motion.velocity[2:])
+        if motion.memory is not None:
+            body = motion.memory.motion(motion.position[2:], motion.velocity[2:])
             half = product(body.attitude, half)
         gap, slopes, share, by_half = self._touching(places, half)
         rate = jnp.sum(slopes * velocity)

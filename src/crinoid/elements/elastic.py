@@ -66,8 +66,6 @@ class Stretch(Element):
     rest_length: Float[Array, "*count"]
     """Length of the edge at rest (m)."""
     material: Material
-    memory: Any = None
-    step: Float[Array, "*count"] | None = None
 
     @staticmethod
     def of(rod: Rod) -> "Stretch":
@@ -76,19 +74,19 @@ class Stretch(Element):
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
         strain, rate, direction = self._strain(motion)
-        stress = self.material.stress(strain, rate, self.memory, self.step)
+        stress = self.material.stress(strain, rate, motion.memory, motion.step)
         force = self.EA * stress * direction
         return jnp.stack([-force, force])
 
     def working(self, motion: Motion) -> Float[Array, "2 b"]:
         strain, rate, direction = self._strain(motion)
-        stress = self.material.viscous_stress(strain, rate, self.memory, self.step)
+        stress = self.material.viscous_stress(strain, rate, motion.memory, motion.step)
         force = self.EA * stress * direction
         return jnp.stack([force, -force])
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strain, _, _ = self._strain(motion)
-        energy = self.material.energy(strain, self.memory, self.step)
+        energy = self.material.energy(strain, motion.memory, motion.step)
         return self.EA * self.rest_length * energy
 
     @property
@@ -99,7 +97,7 @@ class Stretch(Element):
         return self.material.steady(self._strain(motion)[0])
 
     def advance(self, motion: Motion) -> Any:
-        return self.material.advance(self._strain(motion)[0], self.memory, self.step)
+        return self.material.advance(self._strain(motion)[0], motion.memory, motion.step)
 
     def _strain(self, motion: Motion) -> tuple[Array, Array, Array]:
         direction, length = unit(motion.position[1] - motion.position[0])
@@ -181,8 +179,6 @@ class Bend(Linearised):
     rest_strain: Float[Array, "*count"]
     """Strain without load (rad)."""
     material: Material
-    memory: Any = None
-    step: Float[Array, "*count"] | None = None
 
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "Bend":
@@ -201,12 +197,12 @@ class Bend(Linearised):
     def working(self, motion: Motion) -> Float[Array, "3 2"]:
         turn = Turn.of(motion.position)
         strain, rate = turn.strain - self.rest_strain, self._rate(turn, motion)
-        stress = self.material.viscous_stress(strain, rate, self.memory, self.step)
+        stress = self.material.viscous_stress(strain, rate, motion.memory, motion.step)
         return -self.stiffness * stress * turn.growth * turn.gradient
 
     def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 2 3 2"]:
         turn, viscous = Turn.of(motion.position), self.stiffness * self.material.damping_time
-        stiffness = self.stiffness * self.material.slope(self.memory, self.step)
+        stiffness = self.stiffness * self.material.slope(motion.memory, motion.step)
         moment, grows, by_position = self._moment(turn, motion), turn.growth, direction.by_position
         speed = jnp.sum(turn.gradient * motion.velocity)
         by_turn = by_position * stiffness * grows + viscous * (
@@ -227,7 +223,7 @@ class Bend(Linearised):
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strain = Turn.of(motion.position).strain - self.rest_strain
-        return self.stiffness * self.material.energy(strain, self.memory, self.step)
+        return self.stiffness * self.material.energy(strain, motion.memory, motion.step)
 
     @property
     def remembers(self) -> bool:
@@ -238,11 +234,11 @@ class Bend(Linearised):
 
     def advance(self, motion: Motion) -> Any:
         strain = Turn.of(motion.position).strain - self.rest_strain
-        return self.material.advance(strain, self.memory, self.step)
+        return self.material.advance(strain, motion.memory, motion.step)
 
     def _moment(self, turn: Turn, motion: Motion) -> Float[Array, ""]:
         strain, rate = turn.strain - self.rest_strain, self._rate(turn, motion)
-        return self.stiffness * self.material.stress(strain, rate, self.memory, self.step)
+        return self.stiffness * self.material.stress(strain, rate, motion.memory, motion.step)
 
     @staticmethod
     def _rate(turn: Turn, motion: Motion) -> Float[Array, ""]:

@@ -46,6 +46,10 @@ class Motion(eqx.Module):
         Drives of the actuators (`crinoid.Actuator`), each in its unit.
     line
         Loads of lines (``crinoid.dynamics.threads``): tensions (N), pressures (Pa).
+    memory
+        What the law of a window remembers (`Element.prepared`); None in an equilibrium.
+    step
+        Length of the step since that memory (s).
 
     Examples
     --------
@@ -65,6 +69,12 @@ class Motion(eqx.Module):
     orientation: Orientation | None = None
     drive: Float[Array, "*count drive"] | None = None
     line: Float[Array, "*count line"] | None = None
+    memory: Any = None
+    step: Float[Array, "*count"] | None = None
+
+    def remembering(self, memory: Any, step: Array | None) -> "Motion":
+        """Return the motion of a window whose law has a memory."""
+        return replace(self, memory=memory, step=step)
 
     def windows(
         self,
@@ -172,10 +182,10 @@ class Element(eqx.Module):
     differentiation. ``energy`` and ``working`` serve the energy balance.
 
     A force law with a *memory*, such as a material that relaxes, also has the methods ``steady``
-    and ``advance``, and two more fields, None by default: ``memory``, that at the start of a time
-    step, and ``step``, the length of the step (s). Both are None in an equilibrium and in its
-    stiffness. The memory is any pytree of floats and follows from the motion at the end of the
-    step, so it adds no unknowns.
+    and ``advance``. All methods then read the memory at the start of a time step from
+    ``motion.memory``, and the length of the step (s) from ``motion.step``: both are None in an
+    equilibrium and in its stiffness. The memory is any pytree of floats and follows from the motion
+    at the end of the step, so it adds no unknowns.
 
     Examples
     --------
@@ -225,9 +235,12 @@ class Element(eqx.Module):
         """
         return -self.residual(motion)
 
-    def remembering(self, memory: Any, step: Array | None) -> "Element":
-        """Return the element with its memory at the start of a step, or without one."""
-        return replace(self, memory=memory, step=step)  # type: ignore[call-arg]
+    def prepared(self, memory: Any, step: Float[Array, " count"]) -> Any:
+        """Return ``motion.memory`` of a step from the memory at its start, of all windows.
+
+        Once a step: for what does not depend on the motion in it.
+        """
+        return memory
 
     @property
     def remembers(self) -> bool:

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from crinoid.numerics.frames import turned
 from crinoid.numerics.small_matrices import product
@@ -39,6 +40,10 @@ class Pose(eqx.Module):
     def unturned(count: int, axes: int) -> "Pose":
         """Return the pose of bodies whose axes are those of the world."""
         return Pose(jnp.stack([jnp.eye(axes)] * count), jnp.zeros((count, 1 if axes == 2 else 3)))
+
+    def of(self, index: Int[np.ndarray, " each"]) -> "Pose":
+        """Return the poses of some of the bodies."""
+        return Pose(self.attitude[index], self.turn[index])
 
     def attitude_at(self, rotation: Float[Array, " b"]) -> Float[Array, "d d"]:
         """Return the attitude for a second row."""

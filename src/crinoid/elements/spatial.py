@@ -221,8 +221,6 @@ class BendTwist(Linearised):
     rest_strain: Float[Array, "*count 3"]
     """Strains without load (rad)."""
     material: Material
-    memory: Any = None
-    step: Float[Array, "*count"] | None = None
 
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "BendTwist":
@@ -247,13 +245,13 @@ class BendTwist(Linearised):
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
         edges, strain = node_kinematics(motion)
         strained, rates = strain.strains - self.rest_strain, strain.rates(edges.turning)
-        stress = self.material.stress(strained, rates, self.memory, self.step)
+        stress = self.material.stress(strained, rates, motion.memory, motion.step)
         return on_nodes(edges.forces(strain.moment(self.stiffness * stress)))
 
     def working(self, motion: Motion) -> Float[Array, "3 4"]:
         edges, strain = node_kinematics(motion)
         strained, rates = strain.strains - self.rest_strain, strain.rates(edges.turning)
-        stress = self.material.viscous_stress(strained, rates, self.memory, self.step)
+        stress = self.material.viscous_stress(strained, rates, motion.memory, motion.step)
         return -on_nodes(edges.forces(strain.moment(self.stiffness * stress)))
 
     def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 4 3 4"]:
@@ -261,7 +259,9 @@ class BendTwist(Linearised):
         edges, strain = node_kinematics(motion)
         turning, G = edges.turning, strain.map
         strained, rates = strain.strains - self.rest_strain, strain.rates(turning)
-        stresses = self.stiffness * self.material.stress(strained, rates, self.memory, self.step)
+        stresses = self.stiffness * self.material.stress(
+            strained, rates, motion.memory, motion.step
+        )
         stress = product(stresses, strain.axes)
         moment = product(G, stress)
         # d(moment)/dw where the edges' mean does not turn, and d(moment)/d(relative velocity)
@@ -270,7 +270,7 @@ class BendTwist(Linearised):
         viscous = damping_time * product(on_strain, G)
         rated = strain.map_slope(turning) + product(G, product(_skew(turning), strain.turning))
         steered, taken_along = strain.moment_slopes(stress, moment)
-        slope = self.material.slope(self.memory, self.step)
+        slope = self.material.slope(motion.memory, motion.step)
         by_turn = steered + product(on_strain, slope * G + damping_time * rated)
         # fixed velocities rotate backward in the turned frame
         by_mean = taken_along + 0.5 * product(viscous, _skew(turning))
@@ -290,7 +290,7 @@ class BendTwist(Linearised):
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strained = self.strains(motion) - self.rest_strain
-        energy = self.material.energy(strained, self.memory, self.step)
+        energy = self.material.energy(strained, motion.memory, motion.step)
         return jnp.sum(self.stiffness * energy)
 
     @property
@@ -302,7 +302,7 @@ class BendTwist(Linearised):
 
     def advance(self, motion: Motion) -> Any:
         strained = self.strains(motion) - self.rest_strain
-        return self.material.advance(strained, self.memory, self.step)
+        return self.material.advance(strained, motion.memory, motion.step)
 
 
 def node_kinematics(motion: Motion) -> tuple[Edges, NodeStrain]:

@@ -44,6 +44,24 @@ class Capstan(NamedTuple):
     """Mean of the length beyond, over ``x_0``."""
 
 
+class Rubbing(NamedTuple):
+    """Memory of the friction of threads during a step."""
+
+    sliding: Sliding
+    """At its start."""
+    capstan: Capstan
+
+    def factor(self, path: Float[Array, " lane"]) -> Float[Array, " lane"]:
+        """Return the tension over that at the root end, from the paths at the end of the step.
+
+        In the step a thread slides as if all of it lengthened as it does here. So the change is
+        local, and not smaller than the true one: sticking threads are stable, and damped.
+        """
+        hold = self.capstan
+        slid = -hold.reach * (path / self.sliding.path - 1.0)
+        return jnp.exp(-hold.friction * slide(hold.direction, slid))
+
+
 def slide(
     direction: Float[Array, "*count lane"], slid: Float[Array, "*count lane"]
 ) -> Float[Array, "*count lane"]:

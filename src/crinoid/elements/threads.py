@@ -15,7 +15,7 @@ Friction in the channel is that of `crinoid.elements.tendon_friction`.
 """
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.element import Element, Linearised, Motion, TangentDirection
+from crinoid.elements.element import Linearised, Motion, TangentDirection
 from crinoid.elements.spatial import (
     Edges,
     NodeStrain,
@@ -31,7 +31,7 @@ from crinoid.elements.spatial import (
     on_nodes,
     slopes_on_nodes,
 )
-from crinoid.elements.tendon_friction import ADHESION, EVEN, Capstan, Sliding, slide
+from crinoid.elements.tendon_friction import ADHESION, EVEN, Capstan, Rubbing, Sliding, slide
 from crinoid.numerics.small_matrices import product
 
 
@@ -74,15 +74,10 @@ class Threads(Linearised):
     """Change of the slope of the offset along the arm, over the length of an edge (1)."""
     cover: Float[Array, "*count lane thread"] | None = None
     """Share of the node that each thread covers in each lane, to sum along the threads."""
-    memory: Any = None
-    step: Float[Array, "*count"] | None = None
-    capstan: Any = None
-    """``Capstan`` of a step."""
 
-    def remembering(self, memory: Any, step: Array | None) -> Element:
-        """Return the element at the start of a step, with the factor on its tensions."""
-        if memory is None or step is None or self.friction is None or self.cover is None:
-            return super().remembering(memory, step)
+    def prepared(self, memory: Sliding, step: Float[Array, " count"]) -> Rubbing:
+        assert self.cover is not None
+        assert self.friction is not None
         cover = self.cover
 
         def on_lanes(threads: Float[Array, "count thread"]) -> Float[Array, "count lane"]:
@@ -109,16 +104,14 @@ class Threads(Linearised):
             jnp.where(moves, on_lanes(mean), 1.0),
             jnp.where(moves, on_lanes(reach), 0.0),
         )
-        start = memory._replace(direction=direction, before=memory.path)
-        return replace(self, memory=start, step=step, capstan=capstan)
+        return Rubbing(memory._replace(direction=direction, before=memory.path), capstan)
 
-    def slid(self, before: Sliding, now: Sliding) -> "Threads":
-        """Return the threads in one shape at rest, after they slid there from another in one go."""
+    def slid(self, before: Sliding, now: Sliding) -> Rubbing:
+        """Return the memory in a shape at rest, to which threads slid from another in one go."""
         start = now._replace(direction=before.direction, before=before.path)
-        moved = self.remembering(start, jnp.ones(now.path.shape[0]))
+        sliding, capstan = self.prepared(start, jnp.ones(now.path.shape[0]))
         # all friction is that of the way so far, none that of a correction
-        still = jnp.zeros_like(now.path)
-        return eqx.tree_at(lambda e: e.capstan.reach, moved, still)
+        return Rubbing(sliding, capstan._replace(reach=jnp.zeros_like(now.path)))
 
     @property
     def remembers(self) -> bool:
@@ -126,23 +119,15 @@ class Threads(Linearised):
 
     def steady(self, motion: Motion) -> Sliding:
         path, wrap = self._wrapped(motion)
-        if self.memory is None:
+        if motion.memory is None:
             return Sliding(jnp.zeros_like(path), path, path, wrap, jnp.ones_like(path))
-        return Sliding(self.memory.direction, path, path, wrap, self._factor(path))
+        start = motion.memory.sliding
+        return Sliding(start.direction, path, path, wrap, motion.memory.factor(path))
 
     def advance(self, motion: Motion) -> Sliding:
         path, wrap = self._wrapped(motion)
-        return self.memory._replace(path=path, wrap=wrap, factor=self._factor(path))
-
-    def _factor(self, path: Float[Array, " lane"]) -> Float[Array, " lane"]:
-        """Return the tension over that at the root end, from the paths at the end of a step.
-
-        In the step a thread slides as if all of it lengthened as it does here. So the change is
-        local, and not smaller than the true one: sticking threads are stable, and damped.
-        """
-        hold = self.capstan
-        slid = -hold.reach * (path / self.memory.path - 1.0)
-        return jnp.exp(-hold.friction * slide(hold.direction, slid))
+        start, factor = motion.memory.sliding, motion.memory.factor(path)
+        return start._replace(path=path, wrap=wrap, factor=factor)
 
     def _wrapped(self, motion: Motion) -> tuple[Float[Array, " lane"], Float[Array, " lane"]]:
         """Return path (m) and turn (rad) of each lane."""
@@ -162,12 +147,12 @@ class Threads(Linearised):
         """Return the same threads in channels without friction."""
         return replace(self, friction=None, winding=None, cover=None)
 
-    def at_root(self, mean: Float[Array, " line"]) -> Float[Array, " line"]:
+    def at_root(self, mean: Float[Array, " line"], memory: Rubbing | None) -> Float[Array, " line"]:
         """Return the load of each line at its root end, from the mean along its path."""
-        if self.memory is None:
+        if memory is None:
             return mean
-        each = self.hold * self.memory.path[..., None]
-        reduced = each * self.memory.factor[..., None]
+        each = self.hold * memory.sliding.path[..., None]
+        reduced = each * memory.sliding.factor[..., None]
         return mean * jnp.sum(each, axis=(0, 1)) / jnp.sum(reduced, axis=(0, 1))
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
@@ -222,8 +207,8 @@ class Threads(Linearised):
             curvature += wound[:, None, None] * np.diag([0.0, 0.0, 1.0, 0.0])
         curvature = curvature - slopes[:, :, None] * slopes[:, None, :]
         tightened = None
-        if self.memory is not None:
-            factor, by_path = jax.jvp(self._factor, (path,), (jnp.ones_like(path),))
+        if motion.memory is not None:
+            factor, by_path = jax.jvp(motion.memory.factor, (path,), (jnp.ones_like(path),))
             tension, tightened = tension * factor, tension * by_path
         bent = tension * self.routed / path
         slope = jnp.where(routed[:, None], slopes, jnp.pad(lever[:, :-1], ((0, 0), (0, 1))))

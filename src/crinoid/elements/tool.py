@@ -53,6 +53,7 @@ class Tool(Element):
     offset: Float[Array, "*count"]
     """Distance of the centre of mass beyond the tip (m)."""
     held: Onset
+    """Time in which it acts, if no touch decides that; otherwise its memory has that time."""
 
     @staticmethod
     def of(
@@ -113,7 +114,8 @@ class Tool(Element):
         total = jnp.stack([-couple, force + couple])
         if torque is not None:
             total = jnp.c_[total, jnp.stack([jnp.zeros(()), torque])]
-        return self.held.whole(motion.time) * total
+        held = self.held if motion.memory is None else motion.memory
+        return held.whole(motion.time) * total
 
     def centre(self, place: _Points) -> Float[Array, " d"]:
         """Return the position of the centre of mass for the ends of the last edge (m)."""

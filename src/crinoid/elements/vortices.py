@@ -17,7 +17,6 @@ relative velocity alone. In an equilibrium vortices exert no mean force. A plana
 along the flow only: its lift points out of the plane.
 """
 
-from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -42,6 +41,15 @@ class VortexForces(NamedTuple):
     """Phase of the lift, that of the part along the flow in the plane (rad)."""
 
 
+class Shedding(NamedTuple):
+    """Memory of shed vortices during a step."""
+
+    state: Any
+    """State of the oscillators at its start."""
+    signals: Float[Array, "*count 2"]
+    """Signals of both at its end."""
+
+
 class Vortices(Element):
     """Forces of shed vortices, one oscillator across and one along the flow at each edge."""
 
@@ -61,10 +69,6 @@ class Vortices(Element):
     """Seeded angles of both oscillators at the start (rad)."""
     oscillator: Oscillator
     """Both, across and along the flow, by the harmonic."""
-    memory: Any = None
-    step: Float[Array, "*count"] | None = None
-    signals: Float[Array, "*count 2"] | None = None
-    """Signals of both at the end of the step."""
 
     @staticmethod
     def of(
@@ -91,39 +95,38 @@ class Vortices(Element):
             jax.tree.map(each, oscillator),
         )
 
-    def remembering(self, memory: Any, step: Array | None) -> "Vortices":
-        signals = None
-        if memory is not None and step is not None:
-            # once a step and not in each iteration
-            signals = self.oscillator.signal(memory, step[..., None])
-        return replace(self, memory=memory, step=step, signals=signals)
+    def prepared(self, memory: Any, step: Float[Array, " count"]) -> "Shedding":
+        return Shedding(memory, self.oscillator.signal(memory, step[..., None]))
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
-        if self.signals is None:
+        if motion.memory is None:
             return jnp.zeros_like(motion.position)
-        half = 0.5 * self.length * self._force(*self._directions(motion))
+        half = 0.5 * self.length * self._force(*self._directions(motion), motion.memory.signals)
         return -jnp.stack([half, half])
 
     def steady(self, motion: Motion) -> Any:
         return self.oscillator.start(self.angles, self._oscillation(motion))
 
     def advance(self, motion: Motion) -> Any:
-        assert self.step is not None
-        return self.oscillator.advance(self.memory, self._oscillation(motion), self.step)
+        assert motion.step is not None
+        return self.oscillator.advance(motion.memory.state, self._oscillation(motion), motion.step)
 
     def forces(self, motion: Motion) -> VortexForces:
         """Return force per length (N/m) and phase of the lift (rad) in a state, without a step."""
         directions, speed = self._directions(motion)
         shown = int(directions.shape[-1] == 2)
-        phase = self.oscillator.phase(self.memory)[shown]
-        return VortexForces(self._force(directions, speed), phase)
+        state, signals = motion.memory
+        phase = self.oscillator.phase(state)[shown]
+        return VortexForces(self._force(directions, speed, signals), phase)
 
     def _force(
-        self, directions: Float[Array, "2 d"], speed: Float[Array, ""]
+        self,
+        directions: Float[Array, "2 d"],
+        speed: Float[Array, ""],
+        signals: Float[Array, "2"],
     ) -> Float[Array, " d"]:
-        assert self.signals is not None
         pressure = 0.5 * self.density * self.diameter * speed**2
-        return pressure * jnp.sum((self.coefficients * self.signals)[:, None] * directions, axis=0)
+        return pressure * jnp.sum((self.coefficients * signals)[:, None] * directions, axis=0)
 
     def _directions(self, motion: Motion) -> tuple[Float[Array, "2 d"], Float[Array, ""]]:
         """Return the directions across and along the flow, and its speed across the arm."""

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Int
 
 from crinoid.actuation import drives
 from crinoid.compilation import OFTEN, SOMETIMES, Program, compiled
-from crinoid.dynamics import FarEdges, Hull, Outcome, State, tool_factor
+from crinoid.dynamics import ActingForces, FarEdges, Hull, Outcome, State
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState, StepStatistics
 
@@ -23,7 +23,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
     system, state, books, tally = loop.system, carry.state, carry.books, carry.tally
     assert books is not None
     pose, _, _ = system.base.pose(state.time, state.servo)
-    strains, remembered = system.strains(state), state.remembered(system.forces)
+    strains, forces = system.strains(state), ActingForces.of(system.forces, state.context)
     channels = state.servo.position.shape[0]
     drive = drives(system.actuators, state.actuators)
     readings = [
@@ -31,7 +31,8 @@ def record(loop: Loop, carry: LoopState) -> Record:
         for sensor, samples in zip(loop.sensors, carry.sensors, strict=True)
     ]
     spatial = state.frames is not None
-    touches = {type(each): each.touch(state.motion) for each in remembered.far_contacts}
+    far = forces.far_contacts_at(state.motion.position)
+    touches = {type(each): each.touch(state.motion) for each in far}
     estimate, estimate_time = loop.estimate(carry)
     return Record(
         time=state.time,
@@ -63,15 +64,15 @@ def record(loop: Loop, carry: LoopState) -> Record:
         touch=books.contact,
         director=None if state.frames is None else state.frames.director[2:],
         twist=strains[:, 2] if spatial else None,
-        branch_tension=remembered.branch_tension(),
+        branch_tension=forces.arm.branch_tension(),
         line=state.motion.line,
-        vortices=remembered.vortex_forces(state.motion),
+        vortices=forces.arm.vortex_forces(state.motion),
         self_touch=touches.get(FarEdges),
         hull_touch=touches.get(Hull),
         vehicle=system.vehicle_output(state),
         estimate=estimate,
         estimate_time=estimate_time,
-        held=tool_factor(system.forces, state.grip, state.time),
+        held=forces.arm.tool_factor(state.time),
     )
 
 

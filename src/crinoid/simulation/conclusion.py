@@ -21,7 +21,7 @@ from crinoid.diagnostics.control_loop import unresolved_vibrations
 from crinoid.diagnostics.energy_balance import Defect, find_defect, shorter_step, vibration_angle
 from crinoid.diagnostics.held_commands import command_jumps, held_commands_note
 from crinoid.diagnostics.run_notes import notes, tear_failure, tool_notes
-from crinoid.dynamics import Hull, Outcome, State, System
+from crinoid.dynamics import ActingForces, Hull, Outcome, State, System
 from crinoid.dynamics.outcome import cos_turn_angle
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
@@ -195,7 +195,7 @@ def nearest_pair(system: System, state: State) -> str:
     gaps = [] if state.gap is None else np.min(np.asarray(state.gap), axis=1).tolist()
     found = [(gap, f"obstacle {index}", "the arm") for index, gap in enumerate(gaps)]
     rows, axes = state.motion.position, system.forces.axes
-    for each in state.remembered(system.forces).far_contacts:
+    for each in ActingForces.of(system.forces, state.context).far_contacts_at(rows):
         other = "the hull" if isinstance(each, Hull) else "itself"
         found.append((float(jnp.min(each.distances(rows, axes))), "the arm", other))
     bodies = None if system.forces.obstacles is None else system.forces.obstacles.bodies

@@ -17,7 +17,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Pid
 from crinoid.control.target import Pose, Target, Time
-from crinoid.dynamics import State, System
+from crinoid.dynamics import ActingForces, State, System
 from crinoid.flow import Flow, on_currents
 from crinoid.recording import SolidSurface
 from crinoid.scenario import Obstacle, Plane, Scenario, ScenarioError
@@ -176,12 +176,12 @@ def launch(
     assert obstacles.bodies is not None
     row, count = forces.rows.obstacle(obstacles.count - 1), obstacles.count
     both = np.array([row, row + count])  # and its rotation
-    remembered = state.remembered(forces)
+    acting = ActingForces.of(forces, state.context)
     axes = forces.axes
     moved = motion.position.at[row, :axes].set(position)
     faster = motion.velocity.at[both].set(0.0).at[row, :axes].set(velocity)
     still = motion.acceleration.at[both].set(0.0)
-    gap, body_gap = remembered.gaps(moved), remembered.body_gaps(moved)
+    gap, body_gap = acting.gaps(moved), acting.body_gaps(moved)
     assert gap is not None
     assert body_gap is not None
     pairs = [pair for group in obstacles.bodies.pairs for pair in group]

@@ -1,0 +1,363 @@
+"""Forces that act in a context: residual, tangent matrix, gaps of contacts."""
+
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from crinoid.dynamics import windows
+from crinoid.dynamics.arm import Arm, prepared
+from crinoid.dynamics.context import Context
+from crinoid.dynamics.far_contact import FarContact
+from crinoid.dynamics.forces import Forces, Points, Rows
+from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, VEHICLE_ROWS
+from crinoid.dynamics.tangent import LineStiffness, Tangent
+from crinoid.dynamics.vehicle import unknowns, vehicle_rows
+from crinoid.dynamics.windows import Surroundings
+from crinoid.elements import Element, Motion, Pose
+from crinoid.flow import Current, Water
+from crinoid.numerics import banded
+
+
+class ActingForces(Forces):
+    """All forces on an arm and on the bodies around it, in a context.
+
+    The larger methods are compiled functions, traced once and not at each call in a program.
+    """
+
+    context: Context = eqx.field(kw_only=True)
+    held: tuple[windows.Held, ...] = eqx.field(kw_only=True)
+    """Memory of the elements, prepared for the step."""
+
+    @staticmethod
+    def of(forces: Forces, context: Context) -> "ActingForces":
+        """Return the forces in a context."""
+        laws = {each.name: getattr(forces, each.name) for each in fields(Forces)}
+        held = prepared(forces.elements, context)
+        return ActingForces(**laws, context=replace(context, memory=(), step=None), held=held)
+
+    @property
+    def arm(self) -> Arm:
+        """The elements, each with its memory."""
+        return Arm(tuple(zip(self.elements, self.held, strict=True)))
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Indices of the obstacles that are free, and not held."""
+        return () if self.context.frozen_at is not None else super().free
+
+    @property
+    def pose(self) -> Pose | None:
+        """Attitude of the obstacles at the start of the step, where some are free."""
+        if self.obstacles is None or self.obstacles.bodies is None:
+            return None
+        return self.context.pose or Pose.unturned(self.obstacles.count, self.axes)
+
+    def unknown(self, rows: Rows, turn: Array | float = 1.0) -> Float[Array, "unknown b"]:
+        """Return the rows of unknowns: free nodes, free obstacles, a vehicle.
+
+        Rotations are scaled by ``turn``, one number for each as in ``reach``, or one for all.
+        """
+        parts = [self.nodes(rows)[BOUNDARY_NODES:]]
+        factors = jnp.broadcast_to(turn, self.reach.shape)
+        if self.free:
+            parts.append(rows[self.free_rows])
+            rotations = rows[self.rows.rotations][np.array(self.free, int)]
+            parts.append(factors[: len(self.free), None] * rotations)
+        if self.context.mount is not None:
+            parts.append(jnp.stack([rows[CENTRE], factors[-1] * rows[ROTATION]]))
+        return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
+    @property
+    def reach(self) -> Float[Array, " body"]:
+        """Radii of gyration of the free obstacles and of the vehicle (m)."""
+        found = []
+        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
+            found.append(self.obstacles.bodies.body.reach)
+        if self.vehicle is not None:
+            found.append(self.vehicle.reach[None])
+        return jnp.concatenate(found) if found else jnp.zeros(0)
+
+    def extra(self, size: int) -> tuple[int, ...]:
+        """Return the indices of unknowns of free bodies, in rows of ``size`` after the nodes."""
+        free: tuple[int, ...] = ()
+        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
+            free = self.obstacles.bodies.unknowns(size)
+        if self.context.mount is None:
+            return free
+        first = 0 if self.obstacles is None else self.obstacles.rows
+        return (*free, *(first * size + i for i in unknowns(self.axes, size)))
+
+    def attitude(self, rows: Rows) -> Float[Array, "d d"] | None:
+        """Return the attitude of a moving vehicle from the positions of all rows."""
+        mount = self.context.mount
+        return None if mount is None else mount.attitude_at(rows)
+
+    def obstacle_attitude(self, motion: Motion) -> Float[Array, "m d d"] | None:
+        """Return the attitude of the obstacles, if some are free."""
+        if self.pose is None:
+            return None
+        rotations = motion.position[self.rows.rotations]
+        return jax.vmap(lambda pose, row: pose.attitude_at(row))(self.pose, rotations)
+
+    def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:
+        """Return the distance of each obstacle from each edge (m)."""
+        if self.obstacles is None:
+            return None
+        return self.obstacles.gaps(rows[self.rows.arm_and_obstacles], self.pose)
+
+    def body_gaps(self, rows: Rows) -> Float[Array, " pair"] | None:
+        """Return the gap of each pair of a free obstacle with another one (m)."""
+        if self.obstacles is None or self.obstacles.bodies is None:
+            return None
+        return self.obstacles.bodies.gaps(rows[self.rows.obstacle_rows], self.pose)
+
+    def far_contacts_at(self, rows: Rows) -> tuple[FarContact, ...]:
+        """Return the contacts of far parts for the positions of all rows."""
+        if not self.far_contacts:
+            return ()
+        attitude = self.context.attitude if self.context.mount is None else self.attitude(rows)
+        return tuple(each.turned(attitude) for each in self.far_contacts)
+
+    def far_gaps(self, rows: Rows) -> tuple[Array, ...]:
+        """Return the gaps of the contacts of far parts (m)."""
+        return tuple(each.gaps(rows, self.axes) for each in self.far_contacts_at(rows))
+
+    def touches(self, rows: Rows) -> Bool[Array, ""]:
+        """Return whether far parts are in contact."""
+        gaps = zip(self.far_contacts, self.far_gaps(rows), strict=True)
+        return jnp.any(jnp.stack([jnp.any(gap < far.contact.skin) for far, gap in gaps]))
+
+    @eqx.filter_jit
+    def surroundings(self, stage: StepMap, correction: Rows) -> Surroundings:
+        """Return the water around the rows for a correction."""
+        position = self._points(stage.position + stage.by_position * correction)
+        frozen_at = self.context.frozen_at
+        sea = self.water if frozen_at is None else Water(self.water.flows, frozen_at)
+
+        def current(point: Float[Array, " d"]) -> Current:
+            return sea.current(self.origin + point, stage.time)
+
+        water, slope = jax.vmap(current)(position), None
+        # needed for an equilibrium only
+        if frozen_at is not None:
+            slope = jax.vmap(jax.jacfwd(lambda point: current(point).acceleration))(position)
+        velocity, acceleration = water.velocity, water.acceleration
+        return Surroundings(position, velocity, acceleration, water.velocity_slope, slope)
+
+    @eqx.filter_jit
+    def motion(self, stage: StepMap, correction: Rows, around: Surroundings) -> Motion:
+        """Return the motion of all rows and of the water there, for a correction."""
+        rows = (
+            stage.position + stage.by_position * correction,
+            stage.velocity + stage.by_velocity * correction,
+            stage.acceleration + stage.by_acceleration * correction,
+        )
+        return self._moving(stage, rows, around)
+
+    def _moving(self, stage: StepMap, rows: tuple[Rows, ...], around: Surroundings) -> Motion:
+        """Return the motion from all rows except those clamped on a vehicle."""
+        position, velocity, acceleration = rows
+        frames, mount = stage.frames, self.context.mount
+        if mount is not None:
+            held = mount.kinematics(*rows).to_world(mount.held, frames)
+            position, velocity, acceleration = (
+                banded.with_first_rows(first, row) for row, first in zip(rows, held, strict=True)
+            )
+        motion = Motion(
+            position,
+            velocity,
+            acceleration,
+            *around.at(self._points(position)),
+            stage.time,
+            None if frames is None else frames.at(self.nodes(position)),
+            self.context.drive,
+        )
+        if self.lines is None:
+            return motion
+        return replace(motion, line=self.lines.loads(self.arm, motion))
+
+    @eqx.filter_jit
+    def residual(
+        self, motion: Motion, load_factor: Array | None = None
+    ) -> tuple[Rows, Float[Array, " b"]]:
+        """Return the residual of each row, and the largest single force in it of each column (N).
+
+        The column of spins has torques (N m).
+        """
+        size = motion.position.shape[1]
+        num_nodes = self.nodes(motion.position).shape[0]
+        total, largest = jnp.zeros((num_nodes, size)), jnp.zeros(size)
+        for first, laws in windows.groups(self.arm.laws, self.axes):
+            local = jax.vmap(lambda some, m: windows.residuals(some, m, load_factor))
+            forces = local(laws, windows.motion_windows(laws[0][0], motion))
+            width = forces.shape[-1]
+            nodal = banded.scatter(jnp.sum(forces, axis=1), first, num_nodes)
+            total += banded.pad_columns(nodal, size)
+            most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
+            largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
+        for far in self.far_contacts_at(motion.position):
+            pushed = far.push(motion)[:num_nodes]
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed[far.first_row :]), axis=0))
+            total -= pushed
+        rows = total
+        if self.obstacles is not None:
+            near = self.obstacle_motion(motion)
+            _, pushed = self.obstacles.push(near, self.pose)
+            forces = pushed[: num_nodes + self.obstacles.count]  # without moments
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(forces), axis=0))
+            rows = jnp.pad(total, ((0, self.obstacles.rows), (0, 0))) - pushed
+            if self.free and self.obstacles.bodies is not None:
+                bodies, most = self.obstacles.bodies.residual(near, self.pose)
+                rows = rows.at[num_nodes:].add(bodies)
+                largest = jnp.maximum(largest, most)
+        if self.vehicle is None:
+            return rows, largest
+        pushed = jnp.zeros((VEHICLE_ROWS, size))
+        if self.context.mount is not None:
+            pushed = self._on_vehicle(motion, rows[:BOUNDARY_NODES])
+        return jnp.concatenate([rows, pushed]), largest
+
+    def tangent(
+        self,
+        stage: StepMap,
+        motion: Motion,
+        around: Surroundings,
+        load_factor: Array | None = None,
+    ) -> Tangent:
+        """Return d(residual)/d(correction), assembled from the elements' Jacobians."""
+        size = motion.position.shape[1]
+        num_nodes = self.nodes(motion.position).shape[0]
+        slopes = (around.velocity_slope, around.acceleration_slope)
+
+        def jacobian(laws: windows.Laws, window: Motion, slopes: windows.Slopes) -> Array:
+            return windows.jacobian(
+                windows.tangent_direction(stage, slopes), laws, window, load_factor
+            )
+
+        jacobians = jax.vmap(jacobian)
+        blocks: list[tuple[int, Array]] = []
+        for first, laws in windows.groups(self.arm.laws, self.axes):
+            element = laws[0][0]
+            at = partial(
+                banded.gather, first=first, count=windows.count(element), stencil=element.stencil
+            )
+            along = jax.tree.map(at, slopes)
+            blocks.append((first, jacobians(laws, windows.motion_windows(element, motion), along)))
+        obstacles = self.obstacles
+        if obstacles is not None:
+            pairs = obstacles.motions(self.obstacle_motion(motion), self.pose)
+            # contact does not depend on the water
+            still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
+            touch = obstacles.each(
+                lambda e, m, s: jacobian(((e, None),), m, (s, None)), pairs, still
+            )
+            touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
+            on_edges = obstacles.on_edges(jnp.sum(touch[:, :, :2, :, :2], axis=0))
+            blocks.append((obstacles.contact.first, on_edges))
+        bands = banded.assemble(blocks, num_nodes, size)
+        border = None
+        if obstacles is not None and obstacles.bodies is not None and self.free:
+
+            def of_rows(element: Element, window: Motion, rows: Int[np.ndarray, "w k"]) -> Array:
+                along = jax.tree.map(lambda slope: slope[num_nodes + rows], slopes)
+                return jacobians(((element, None),), window, along)
+
+            near = self.obstacle_motion(motion)
+            own = obstacles.bodies.stiffness(near, self.pose, of_rows)
+            border = obstacles.border(touch, own, num_nodes)
+        far_contacts = self.far_contacts_at(motion.position)
+
+        def of_window(contact: Element, window: Motion) -> Array:
+            still = jnp.zeros((*window.flow_velocity.shape, self.axes))
+            return jacobian(((contact, None),), window, (still, None))
+
+        far = [each.stiffness(motion, of_window, num_nodes) for each in far_contacts]
+        extra = self.extra(size)
+        own_unknowns = 0 if border is None else border.corner.shape[0]
+        bodies = extra[:own_unknowns]
+        tangent = Tangent(bands, border, bodies, far=sum(far[1:], far[0]) if far else None)
+        if self.context.mount is not None:
+            tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
+        if self.lines is None:
+            return tangent
+
+        def residual(line: Array | None) -> Rows:
+            return self.residual(replace(motion, line=line), load_factor)[0]
+
+        follow = self.lines.slopes(self.arm, stage, motion, num_nodes)
+        return tangent.coupled(LineStiffness(jax.jacfwd(residual)(motion.line), follow))
+
+    def _with_vehicle(
+        self,
+        tangent: Tangent,
+        stage: StepMap,
+        motion: Motion,
+        around: Surroundings,
+        load_factor: Array | None,
+    ) -> Tangent:
+        """Border a tangent by the unknowns of the vehicle, which move the clamp."""
+        rows, size = motion.position.shape
+        own = np.array(unknowns(self.axes, size))
+        rates = (stage.by_position, stage.by_velocity, stage.by_acceleration)
+
+        def along(way: Float[Array, "rows b"]) -> Rows:
+            def residual(*moving: Rows) -> Rows:
+                return self.residual(self._moving(stage, moving, around), load_factor)[0]
+
+            return jax.jvp(residual, _rows(motion), tuple(rate * way for rate in rates))[1]
+
+        def push(held: Float[Array, "held b"]) -> Float[Array, " p"]:
+            return self._on_vehicle(motion, held, alone=False).reshape(-1)[own]
+
+        ways = np.zeros((own.size, rows * size))
+        ways[np.arange(own.size), (rows - VEHICLE_ROWS) * size + own] = 1.0
+        columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
+        return tangent.bordered(columns, push, self.extra(size)[len(tangent.extra) :])
+
+    def _on_vehicle(
+        self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True
+    ) -> Float[Array, "2 b"]:
+        """Return the residual of the vehicle's rows for forces on the clamp.
+
+        Without the forces on the vehicle ``alone`` it is linear in these.
+        """
+        vehicle, mount = self.vehicle, self.context.mount
+        assert vehicle is not None
+        assert mount is not None
+        kinematics = mount.kinematics(*_rows(motion))
+        force, moment = kinematics.resultant(mount.held, held)
+        if alone:
+            own = vehicle.residual(
+                kinematics, motion.flow_velocity[CENTRE], motion.flow_acceleration[CENTRE]
+            )
+            force, moment = force + own[0], moment + own[1]
+        return vehicle_rows(force, moment, held.shape[1])
+
+    def _points(self, rows: Rows) -> Points:
+        """Return the position of each row; that of a rotation is the centre of mass."""
+        points = rows[:, : self.axes]
+        if self.turns:
+            points = points.at[self.rows.rotations].set(points[self.rows.obstacles])
+        return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
+
+    def obstacle_motion(self, motion: Motion) -> Motion:
+        """Return the motion of nodes and obstacles."""
+        if self.vehicle is None:
+            return motion
+        parts = (*_rows(motion), motion.flow_velocity, motion.flow_acceleration)
+        return eqx.tree_at(
+            lambda m: (*_rows(m), m.flow_velocity, m.flow_acceleration),
+            motion,
+            tuple(part[self.rows.arm_and_obstacles] for part in parts),
+        )
+
+
+def _rows(motion: Motion) -> tuple[Any, Any, Any]:
+    return motion.position, motion.velocity, motion.acceleration

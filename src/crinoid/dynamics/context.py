@@ -1,0 +1,43 @@
+"""Context of the forces: what they depend on besides the motion at the end of a step."""
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from crinoid.dynamics.gripper import GripState
+from crinoid.dynamics.vehicle import Mount
+from crinoid.elements import Pose
+
+Memory = tuple[Any, ...]
+"""Memory of each element; None for those without."""
+
+
+class Context(eqx.Module):
+    """Context of the forces, the same throughout a time step or a search of an equilibrium."""
+
+    drive: Float[Array, " drive"] | None = None
+    """Drives of the actuators, if there are any."""
+    memory: Memory = ()
+    """Memory of the elements at the start of the step; empty where all have relaxed."""
+    step: Float[Array, ""] | None = None
+    """Length of the step (s); required with a memory."""
+    grip: GripState | None = None
+    """Grip of a tool, if touches take it up or let it go."""
+    pose: Pose | None = None
+    """Attitude of the obstacles at the start of the step; None for that of a run."""
+    attitude: Float[Array, "d d"] | None = None
+    """Attitude of a vehicle that is held still."""
+    mount: Mount | None = None
+    """Clamp of the arm on a floating vehicle; None while that is held still."""
+    frozen_at: Float[Array, ""] | None = None
+    """Time at which the flow is frozen (s), and obstacles and vehicle are held still."""
+
+    def at_rest(self, time: Float[Array, ""]) -> "Context":
+        """Return the context of an equilibrium in the flow at a time (s), all laws relaxed."""
+        return replace(self, frozen_at=time, mount=None, memory=(), step=None)
+
+    def remembering(self, memory: Memory, step: Float[Array, ""]) -> "Context":
+        """Return the context of a step of given length (s) from a memory."""
+        return replace(self, memory=memory, step=step)
