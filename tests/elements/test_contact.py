@@ -88,7 +88,9 @@ def test_gap_is_the_distance_of_the_surfaces(kind, axes):
 @eqx.filter_jit
 def potential(contact, position):
     """Return the energy in the skin, and its slope."""
-    return jax.value_and_grad(lambda position: contact.press(contact.gap(position))[0])(position)
+    return jax.value_and_grad(lambda position: contact.press(contact.gap(position, None))[0])(
+        position
+    )
 
 
 @both

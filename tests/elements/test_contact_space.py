@@ -177,9 +177,9 @@ def crowd(**changes):
 
 
 def test_what_obstacles_do_to_the_rows_of_nodes_and_back():
-    bodies, motion = crowd()
-    gap, rows = jax.jit(lambda motion: bodies.push(motion))(motion)
-    touch, pushed = jax.jit(lambda motion: bodies.touch(motion))(motion)
+    (bodies, motion), pose = crowd(), Pose.unturned(3, 3)
+    gap, rows = jax.jit(lambda motion: bodies.push(motion, pose))(motion)
+    touch, pushed = jax.jit(lambda motion: bodies.touch(motion, pose))(motion)
     assert gap.shape == (3, 5)
     assert rows.shape == (13, 4)
     assert touch.in_contact.all()

@@ -36,13 +36,9 @@ class FarContact(eqx.Module):
         """Rows of each window."""
 
     @property
-    @abstractmethod
     def finest(self) -> Float[Array, ""]:
         """Smallest distance between two axes in contact (m)."""
-
-    @abstractmethod
-    def travel(self, moved: Rows) -> tuple[Float[Array, " w"], Float[Array, " w"]]:
-        """Return the squared relative displacement of each window (m2), and its radii added (m)."""
+        return jnp.min(self.contact.between_axes)
 
     @abstractmethod
     def touch(self, motion: Motion) -> Any:
@@ -101,13 +97,8 @@ class FarContact(eqx.Module):
     def resolved(
         self, moved: Rows, before: Float[Array, " w"], after: Float[Array, " w"], step: Array
     ) -> Bool[Array, ""]:
-        """Return whether a step resolves its contacts, from the displacements and both gaps (m).
-
-        As `crinoid.dynamics.Obstacles.resolved`.
-        """
-        travel, radii = self.travel(moved)
-        room = jnp.maximum(before, 0.0) + 0.5 * radii
-        return jnp.all(self.contact.accounted(before, after, step)) & jnp.all(travel <= room**2)
+        """Return whether a step resolves its contacts, from the displacements and both gaps (m)."""
+        return self.contact.resolved(moved[self.nodes], before, after, step)
 
     def nearest(self, motion: Motion, gaps: Float[Array, " w"]) -> Windows:
         """Return the windows with a force, at most: contacts, rows and motion."""

@@ -99,22 +99,11 @@ class FreeBodies(eqx.Module):
         step: Array,
     ) -> Bool[Array, ""]:
         """Return whether a step resolves the contacts of pairs, like those with the arm."""
-        if not self.contacts:
-            return jnp.asarray(True)
         counts = np.cumsum([len(pairs) for pairs in self.pairs])[:-1]
-        resolved = []
-        for (contact, rows, _), *gaps in zip(
-            self._touching(None),
-            *(jnp.split(gap, counts) for gap in (before, after)),
-            strict=True,
-        ):
-            windows, axes = moved[rows], contact.axes
-            travel = _size(windows[:, 0, :axes] - windows[:, 2, :axes])
-            travel += _size(windows[:, 1]) * _size(contact.end)
-            travel += _size(windows[:, 3]) * _size(contact.half_axis)
-            room = jnp.maximum(gaps[0], 0.0) + 0.5 * (contact.arm_radius + contact.radius)
-            resolved.append(jnp.all(contact.accounted(*gaps, step)) & jnp.all(travel <= room))
-        return jnp.all(jnp.stack(resolved))
+        gaps = (jnp.split(gap, counts) for gap in (before, after))
+        each = zip(self._touching(None), *gaps, strict=True) if self.contacts else ()
+        found = [contact.resolved(moved[rows], *gap, step) for (contact, rows, _), *gap in each]
+        return jnp.all(jnp.array(found, bool))
 
     def _laws(
         self, motion: Motion, pose: Pose | None
@@ -145,7 +134,3 @@ class FreeBodies(eqx.Module):
             rows = [first, first + self.count, second, second + self.count]
             found.append((contact, np.stack(rows, axis=1), poses))
         return found
-
-
-def _size(vectors: Float[Array, "pair d"]) -> Float[Array, " pair"]:
-    return jnp.sqrt(jnp.sum(vectors**2, axis=-1))

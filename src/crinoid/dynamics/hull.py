@@ -50,10 +50,6 @@ class Hull(FarContact):
         held = [GHOST, ROOT] if self.axis is None else [GHOST, ROOT, -2, -1]
         return np.stack([near, near + 1, *(np.full_like(near, row) for row in held)], axis=1)
 
-    @property
-    def finest(self) -> Float[Array, ""]:
-        return jnp.min(self._radii)
-
     def turned(self, attitude: Float[Array, "d d"] | None) -> "Hull":
         return self if attitude is None else replace(self, attitude=attitude)
 
@@ -95,15 +91,6 @@ class Hull(FarContact):
         force = jnp.sum(forces[..., :axes], axis=1)
         gap = jnp.concatenate([jnp.full(near, jnp.inf), gaps])
         return HullTouch(gap, jnp.pad(force, ((near, 0), (0, 0))))
-
-    def travel(self, moved: Rows) -> tuple[Array, Array]:
-        # a hull turns little in a step
-        apart = moved[self.nodes[:, :2]] - moved[ROOT if self.axis is None else CENTRE]
-        return jnp.max(jnp.sum(apart**2, axis=-1), axis=1), self._radii
-
-    @property
-    def _radii(self) -> Float[Array, " far"]:
-        return self.contact.arm_radius + self.contact.radius
 
 
 def first_far_edge(

@@ -90,8 +90,7 @@ class Obstacles(eqx.Module):
 
         That of a tool's ball is over its largest displacement, of a node by 1.
         """
-        contact = self.contact
-        reach = contact.arm_radius + contact.radius
+        contact, reach = self.contact, self.contact.between_axes
         if contact.beyond is not None:
             reach = reach / (1 + 2 * contact.beyond / contact.rest_length)
         return jnp.min(reach)
@@ -270,24 +269,6 @@ class Obstacles(eqx.Module):
     def resolved(
         self, moved: Rows, before: Float[Array, "m e"], after: Float[Array, "m e"], step: Array
     ) -> Bool[Array, ""]:
-        """Return whether a step resolves its contacts, from the displacements and both gaps (m).
-
-        It does if the forces at its ends account for the energy of hits, and if no obstacle moves
-        further relative to an edge than halfway to the arm's axis: none passes through unnoticed.
-        """
-        contact = self.contact
-        gap, gap_before = after.reshape(-1), before.reshape(-1)
-        accounted = contact.accounted(gap_before, gap, step)
-
-        windows = self.windows(moved[:, : contact.axes])
-        places = windows[:, :2]
-        if contact.beyond is not None:
-            share = (contact.beyond / contact.rest_length)[:, None]
-            centre = places[:, 1] + share * (places[:, 1] - places[:, 0])
-            places = jnp.concatenate([places, centre[:, None]], axis=1)
-        travel = jnp.max(jnp.sum((places - windows[:, 2:3]) ** 2, axis=-1), axis=1)
-        room = jnp.maximum(gap_before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
-        if self.bodies is not None:
-            swept = jnp.sum(windows[:, 3] ** 2, axis=-1) * jnp.sum(contact.half_axis**2, axis=-1)
-            travel = (jnp.sqrt(travel) + jnp.sqrt(swept)) ** 2
-        return jnp.all(accounted) & jnp.all(travel <= room**2)
+        """Return whether a step resolves its contacts, from the displacements and both gaps (m)."""
+        gaps = before.reshape(-1), after.reshape(-1)
+        return self.contact.resolved(self.windows(moved), *gaps, step)

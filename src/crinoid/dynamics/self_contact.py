@@ -56,10 +56,6 @@ class FarEdges(FarContact):
         return np.stack([near, near + 1], axis=2).reshape(-1, 4)
 
     @property
-    def finest(self) -> Float[Array, ""]:
-        return jnp.min(jnp.sum(self.contact.radii, axis=1))
-
-    @property
     def most(self) -> int:
         """Largest number of pairs with a force."""
         return min(len(self.nodes), CANDIDATES * len(self.beyond))
@@ -71,7 +67,7 @@ class FarEdges(FarContact):
         one, other = self.edges.T
         apart = jnp.sum((middle[one] - middle[other]) ** 2, axis=1)
         # by the balls around both: cheap, and nearly always enough
-        within = reach[one] + reach[other] + jnp.sum(self.contact.radii, axis=1)
+        within = reach[one] + reach[other] + self.contact.between_axes
         bound = jnp.sqrt(apart + jnp.finfo(float).tiny) - within
         near = jnp.any(bound < self.contact.skin)
         return jax.lax.cond(near, lambda: self.distances(rows, axes), lambda: bound)
@@ -94,18 +90,12 @@ class FarEdges(FarContact):
         after: Float[Array, " pair"],
         step: Array,
     ) -> Bool[Array, ""]:
-        nodes = moved[ROOT : ROOT + len(self.beyond) + 1]
+        nodes = moved[ROOT : ROOT + len(self.beyond) + 1, :3]
         farthest = 2 * jnp.sqrt(jnp.max(jnp.sum((nodes - nodes[0]) ** 2, axis=1)))
         apart = jnp.minimum(before, after) > self.contact.skin
-        room = before + 0.5 * jnp.sum(self.contact.radii, axis=1)
+        room = before + 0.5 * self.contact.between_axes
         still, exactly = jnp.all(apart & (farthest <= room)), super().resolved
         return jax.lax.cond(still, lambda: still, lambda: exactly(moved, before, after, step))
-
-    def travel(self, moved: Rows) -> tuple[Array, Array]:
-        ends = moved[self.nodes]
-        apart = ends[:, :2, None] - ends[:, None, 2:]
-        travel = jnp.max(jnp.sum(apart**2, axis=-1), axis=(1, 2))
-        return travel, jnp.sum(self.contact.radii, axis=1)
 
     def nearest(self, motion: Motion, gaps: Float[Array, " pair"]) -> Windows:
         contact, nodes = self.contact, jnp.asarray(self.nodes)

@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid.actuation import Actuator, drives
 from crinoid.base import Base
@@ -105,23 +105,28 @@ class TimeStepper(eqx.Module):
         errors = jax.lax.stop_gradient(forces.unknown(errors, forces.reach)[:, : forces.axes])
         largest = jnp.sqrt(jnp.max(jnp.sum(errors**2, axis=1)))
         error = jnp.where(outcome.converged, largest, 0.0)
-        good, resolved = outcome.converged & ~folded & (error <= self.max_error), outcome.resolved
-        if forces.obstacles is not None:
-            assert state.gap is not None
-            assert after.gap is not None
-            moved = (now.position - before.position)[forces.rows.arm_and_obstacles]
-            resolved = ~good | forces.obstacles.resolved(moved, state.gap, after.gap, step)
-            bodies = forces.obstacles.bodies
-            if bodies is not None and state.body_gap is not None and after.body_gap is not None:
-                moved = moved[-2 * bodies.count :]
-                apart = bodies.resolved(moved, state.body_gap, after.body_gap, step)
-                resolved &= ~good | apart
-        gaps = zip(forces.far_contacts, state.far_gaps, after.far_gaps, strict=True)
-        for far, gap, gap_after in gaps:
-            moved = (now.position - before.position)[:, : forces.axes]
-            resolved &= ~good | far.resolved(moved, gap, gap_after, step)
+        good = outcome.converged & ~folded & (error <= self.max_error)
+        resolved = ~good | _resolved(forces, state, after, step)
         return eqx.tree_at(
             lambda o: (o.converged, o.resolved, o.folded, o.error),
             outcome,
             (good & resolved, resolved, folded, error),
         )
+
+
+def _resolved(forces: ActingForces, state: State, after: State, step: Array) -> Bool[Array, ""]:
+    """Return whether a step from one state to another resolves all contacts."""
+    moved = after.motion.position - state.motion.position
+    far = zip(forces.far_contacts, state.far_gaps, after.far_gaps, strict=True)
+    found = [each.resolved(moved, gap, closer, step) for each, gap, closer in far]
+    if (obstacles := forces.obstacles) is not None:
+        near = moved[forces.rows.arm_and_obstacles]
+        assert state.gap is not None
+        assert after.gap is not None
+        found.append(obstacles.resolved(near, state.gap, after.gap, step))
+        if (bodies := obstacles.bodies) is not None:
+            assert state.body_gap is not None
+            assert after.body_gap is not None
+            own = moved[forces.rows.obstacle_rows]
+            found.append(bodies.resolved(own, state.body_gap, after.body_gap, step))
+    return jnp.all(jnp.array(found, bool))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import Contact, eased_direction, rows_of
+from crinoid.elements.contact import Contact, eased_direction, rows_of, size
 from crinoid.elements.element import Motion
 from crinoid.elements.rigid import Pose, RigidMotion
 from crinoid.numerics.frames import moments, rotation_velocity, unit
@@ -100,6 +100,10 @@ class BodyContact(Contact):
     def skin(self) -> Float[Array, "*count"]:
         round_too = jnp.minimum(self.arm_radius, self.radius)
         return BODY_SKIN * jnp.where(jnp.any(self.normal != 0, axis=-1), self.arm_radius, round_too)
+
+    def travel(self, moved: Float[Array, "4 b"]) -> Float[Array, ""]:
+        apart = size((moved[0] - moved[2])[: self.axes])
+        return apart + size(moved[1]) * size(self.end) + size(moved[3]) * size(self.half_axis)
 
     def gap(self, position: Float[Array, "4 b"], pose: Any) -> Float[Array, ""]:
         """Return the distance from the end of the skin (m): ``skin`` where the surfaces meet."""

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -42,6 +43,15 @@ class SoftSkin(Element):
     def skin(self) -> Float[Array, "*count"]:
         """Gap at which contact begins (m)."""
 
+    @property
+    @abstractmethod
+    def between_axes(self) -> Float[Array, "*count"]:
+        """Distance of the two axes where the surfaces meet (m)."""
+
+    @abstractmethod
+    def travel(self, moved: Float[Array, "k b"]) -> Float[Array, ""]:
+        """Return the largest displacement of one relative to the other, from that of a window."""
+
     def press(self, gap: Float[Array, "*count"]) -> tuple[Array, Array]:
         """Return the potential (J) and the force (N) of the skin at a gap (m)."""
         depth = jnp.maximum(1.0 - gap / self.skin, 0.0)
@@ -59,20 +69,28 @@ class SoftSkin(Element):
         """Return the friction (N) under a pressing force (N), by the velocity of sliding (m/s)."""
         return -self.friction * pressing * eased_direction(sliding)
 
-    def accounted(
-        self, before: Float[Array, "*count"], after: Float[Array, "*count"], step: Array
-    ) -> Bool[Array, "*count"]:
-        """Return whether a step resolves a hit, by the gaps at its ends (m) and its length (s).
+    def resolved(
+        self,
+        moved: Float[Array, "*count k b"],
+        before: Float[Array, "*count"],
+        after: Float[Array, "*count"],
+        step: Array,
+    ) -> Bool[Array, ""]:
+        """Return whether a step of given length (s) resolves all contacts.
 
-        It does if the forces at its two ends account for the energy that the skin stores in
-        between, so that a hit returns the energy that it took.
+        From the displacements of the windows, and the gaps at both ends (m). The forces at the ends
+        must account for the energy that the skin stores in between, so that a hit returns the
+        energy that it took. And no two may move further relative to each other than halfway to
+        their axes: none passes through unnoticed.
         """
+        travel = jax.vmap(lambda contact, window: contact.travel(window))(self, moved)
+        near = travel <= jnp.maximum(before, 0.0) + 0.5 * self.between_axes
         (stored, force), (stored_before, force_before) = map(self.press, (after, before))
         closed = before - after
         missed = 0.5 * (force + force_before) * closed - (stored - stored_before)
         hit = stored + stored_before + 0.5 * self.mass * (closed / step) ** 2
         negligible = _NEGLIGIBLE * self.press(jnp.zeros_like(after))[0]
-        return jnp.abs(missed) <= _MISSED * hit + negligible
+        return jnp.all(near) & jnp.all(jnp.abs(missed) <= _MISSED * hit + negligible)
 
 
 class Ball(NamedTuple):
@@ -192,6 +210,19 @@ class Contact(SoftSkin):
     def skin(self) -> Float[Array, "*count"]:
         """Distance from the arm's surface at which contact begins (m)."""
         return SKIN * self.arm_radius
+
+    @property
+    def between_axes(self) -> Float[Array, "*count"]:
+        return self.arm_radius + self.radius
+
+    def travel(self, moved: Float[Array, "k b"]) -> Float[Array, ""]:
+        places = moved[:3, : self.axes]
+        ends = places[:2]
+        if self.beyond is not None:
+            share = self.beyond / self.rest_length
+            ends = jnp.concatenate([ends, (ends[1] + share * (ends[1] - ends[0]))[None]])
+        travel = jnp.max(size(ends - places[2]))
+        return travel + sum(size(self.half_axis) * size(turn) for turn in moved[3:])
 
     def gap(self, position: Float[Array, "k b"], pose: Any) -> Float[Array, ""]:
         """Return the distance of the surfaces (m); ``pose`` is the memory."""
@@ -329,6 +360,11 @@ def closest_of_cores(
 def eased_direction(velocity: Float[Array, " _"]) -> Float[Array, " _"]:
     """Return the direction of a velocity (m/s), shorter than 1 where friction begins."""
     return velocity / jnp.sqrt(product(velocity, velocity) + _CREEP**2)
+
+
+def size(vectors: Float[Array, "*many d"]) -> Float[Array, "*many"]:
+    """Return the lengths of vectors."""
+    return jnp.sqrt(jnp.sum(vectors**2, axis=-1))
 
 
 def rows_of(vector: Float[Array, " _"], width: int) -> Float[Array, "1 b"]:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, surfaces
+from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, size, surfaces
 from crinoid.elements.element import Motion
 from crinoid.elements.self_contact import carried
 from crinoid.numerics.frames import cross, rotate_90, unit
@@ -71,6 +71,15 @@ class HullContact(SoftSkin):
     @property
     def skin(self) -> Float[Array, "*count"]:
         return SKIN * self.arm_radius
+
+    @property
+    def between_axes(self) -> Float[Array, "*count"]:
+        return self.arm_radius + self.radius
+
+    def travel(self, moved: Float[Array, "k b"]) -> Float[Array, ""]:
+        # of a hull that turns little in a step: root, or centre of mass
+        places = moved[:, :3]
+        return jnp.max(size(places[:2] - places[3 if len(moved) == 4 else 4]))
 
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
         return -self.forces(motion)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, surfaces
+from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, size, surfaces
 from crinoid.elements.element import Motion
 from crinoid.numerics.frames import cross, unit
 from crinoid.numerics.small_matrices import product
@@ -52,23 +52,31 @@ class SelfContact(SoftSkin):
     def skin(self) -> Float[Array, "*count"]:
         return SKIN * jnp.min(self.radii, axis=-1)
 
+    @property
+    def between_axes(self) -> Float[Array, "*count"]:
+        return jnp.sum(self.radii, axis=-1)
+
+    def travel(self, moved: Float[Array, "4 b"]) -> Float[Array, ""]:
+        places = moved[:, :3]
+        return jnp.max(size(places[:2, None] - places[None, 2:]))
+
     def residual(self, motion: Motion) -> Float[Array, "4 b"]:
         return -self.forces(motion)
 
     def gap(self, position: Float[Array, "4 d"]) -> Float[Array, ""]:
         """Return the distance of the surfaces (m)."""
         distance, _, _, _ = _closest(position)
-        return distance - jnp.sum(self.radii)
+        return distance - self.between_axes
 
     def forces(self, motion: Motion) -> Float[Array, "4 b"]:
         """Return the forces on the four nodes (N); in space also torques about the edges (N m)."""
         axes = motion.flow_velocity.shape[-1]
         places = motion.position[:, :axes]
         distance, slopes, shares, between = _closest(places)
-        gap = distance - jnp.sum(self.radii)
+        gap = distance - self.between_axes
         pressing = self.damped(gap, jnp.sum(slopes * motion.velocity[:, :axes]))
         outward, _ = unit(between)
-        inward = between / jnp.sum(self.radii)
+        inward = between / self.between_axes
 
         def slide(velocity: Float[Array, "4 b"]) -> Float[Array, " d"]:
             one = carried(places[:2], shares[0], -self.radii[0] * inward, velocity[:2])
