@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import crinoid
+from crinoid.elements import Pose
 from crinoid.rod import Rod
 from helpers.arms import obstacles, order
 from helpers.touching import (
