@@ -13,7 +13,7 @@ import pytest
 import crinoid
 from crinoid.dynamics import ActingForces, Context, Hull
 from crinoid.dynamics.balance import Balance
-from crinoid.dynamics.start import mounted
+from crinoid.dynamics.start import clamped
 from crinoid.dynamics.statics import static_stage
 from helpers.arms import QUICKLY, acting
 from helpers.newton_steps import factored
@@ -81,7 +81,7 @@ def bent(dimension, floats, gap=2e-4, random=None):
 
 def moving(made, state, rows, random, rates=(20.0, 1e4)):
     """Return forces and the stage of rows with velocities at random."""
-    context = mounted(Context(), made.forces, made.base, state.time, state.servo)
+    context = clamped(Context(), made.forces, made.base, state.time, state.servo)
     forces = ActingForces.of(made.forces, context)
     stage = static_stage(jnp.zeros(()), rows, state.frames)
     return forces, replace(
@@ -114,7 +114,7 @@ def test_tangent_is_the_slope_of_the_residual(dimension, floats):
         balance = Balance(forces, forces.surroundings(stage, zero), stage)
         tangent = balance.tangent(balance.motion(zero))
         exact = jax.jvp(lambda c: balance.residual(balance.motion(c))[0], (zero,), (way,))[1]
-        pushed = hull_of(made).push(forces.motion(stage, zero, balance.around))
+        pushed = hull_of(made).push(forces.motion(stage, zero, balance.around), forces.heading)
         found = tangent.solve(exact), factored(tangent, exact)
         return *found, tangent.on_held(way), exact, pushed
 
@@ -200,7 +200,7 @@ def test_gap_is_the_distance_of_an_edge_from_a_capsule_behind_the_root(dimension
 @eqx.filter_jit(compiler_options=QUICKLY)
 def pushed(forces, stage):
     motion = forces.motion(stage, 0 * stage.position, forces.surroundings(stage, stage.position))
-    return forces.far_contacts[-1].push(motion)
+    return forces.far_contacts[-1].push(motion, forces.heading)
 
 
 @pytest.mark.release

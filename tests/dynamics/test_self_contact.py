@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 import crinoid
 from crinoid.dynamics import ActingForces, Context, FarEdges, far_edges, find_modes
 from crinoid.dynamics.balance import Balance
-from crinoid.dynamics.start import mounted
+from crinoid.dynamics.start import clamped
 from crinoid.dynamics.statics import static_stage
 from crinoid.dynamics.tangent import LineStiffness
 from crinoid.rod import Rod
@@ -37,7 +37,7 @@ def halves(gap, edges=10, length=0.1):
 @eqx.filter_jit
 def push(far, motion):
     """Return the forces on all rows."""
-    return far.push(motion)
+    return far.push(motion, None)
 
 
 @pytest.mark.parametrize("load", [0.01, 0.3, 0.9])
@@ -197,7 +197,7 @@ def test_tangent_is_the_slope_of_the_residual(dimension, tables):
     system, state, rows = spiral(dimension, **tables)
     random = np.random.default_rng(0)
     context = Context(jnp.zeros(1))
-    context = mounted(context, system.forces, system.base, state.time, state.servo)
+    context = clamped(context, system.forces, system.base, state.time, state.servo)
     forces = ActingForces.of(system.forces, context)
     stage = static_stage(jnp.zeros(()), rows, state.frames)
     stage = replace(
@@ -218,7 +218,7 @@ def test_tangent_is_the_slope_of_the_residual(dimension, tables):
     def both(balance, way):
         def pushed(correction):
             moved = forces.motion(stage, correction, balance.around)
-            return forces.nodes(forces.far_contacts[0].push(moved))
+            return forces.nodes(forces.far_contacts[0].push(moved, forces.heading))
 
         tangent = balance.tangent(balance.motion(zero))
         exact = jax.jvp(lambda c: balance.residual(balance.motion(c))[0], (zero,), (way,))[1]

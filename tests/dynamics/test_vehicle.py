@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.base import Prescribed
 from crinoid.dynamics import ActingForces, EnergyAccount
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.start import mounted
-from crinoid.dynamics.vehicle import Mount
+from crinoid.dynamics.start import clamped
+from crinoid.dynamics.vehicle import VehicleKinematics
 from crinoid.dynamics.windows import motion_windows
-from crinoid.elements import WORKS, Inertia, Tool
+from crinoid.elements import WORKS, Inertia, Tool, VehiclePose
 from crinoid.flow import Uniform
 from crinoid.numerics.frames import cross, moments
 from helpers.arms import QUICKLY, always, arm, obstacles, order, vehicle
@@ -57,7 +56,7 @@ def floating(axes, *, current=None, tool=1.0, floats=None, arms=None):
 def begun(system, velocity):
     """Return the arm at rest, given velocities, with the accelerations that follow."""
     state = system.rest()
-    context = mounted(state.context, system.forces, system.base, state.time, state.servo, state)
+    context = clamped(state.context, system.forces, system.base, state.time, state.servo)
     forces = ActingForces.of(system.forces, context)
     position, frames = state.motion.position, state.frames
     none, zero = jnp.zeros_like(position), jnp.zeros(())
@@ -479,9 +478,8 @@ def ride(axes, position, turn, velocity=0.0, rate=0.0):
     rows = np.zeros((3, 2, 2 if axes == 2 else 4))
     rows[0, 0, :axes], rows[1, 0, :axes] = position, velocity
     rows[0, 1, :turns], rows[1, 1, :turns] = turn, rate
-    none = jnp.zeros((2, axes))
-    mount = Mount(Prescribed(none, none, none, None), jnp.eye(axes), jnp.zeros(turns))
-    return mount.kinematics(*map(jnp.asarray, rows))
+    attitude = VehiclePose.at_start(axes).attitude_at(jnp.asarray(rows[0, 1]))
+    return VehicleKinematics.of(attitude, turns, *map(jnp.asarray, rows))
 
 
 def test_thrusters_pull_it_back_up_to_their_limits():

@@ -10,7 +10,7 @@ import numpy as np
 from crinoid.dynamics import ActingForces
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.start import mounted
+from crinoid.dynamics.start import clamped
 from helpers.arms import QUICKLY
 
 
@@ -81,7 +81,7 @@ def solve_afloat(system, drive, noise, rhs):
     """
     state = system.rest()
     context = replace(state.context, drive=drive, memory=())
-    context = mounted(context, system.forces, system.base, state.time, state.servo, state)
+    context = clamped(context, system.forces, system.base, state.time, state.servo)
     forces = ActingForces.of(system.forces, context)
     rates = map(jnp.asarray, (1.0, 30.0, 900.0))
     stage = StepMap(state.time, state.motion.position, *noise[:2], *rates, state.frames)

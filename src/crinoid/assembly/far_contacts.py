@@ -80,18 +80,19 @@ class HullParameters(eqx.Module):
         self, rod: Rod, base: Base, vehicle: Vehicle | None, friction: Float[Array, ""]
     ) -> Hull:
         """Build the hull behind the root of a rod; traceable."""
+        axis = None
+        if vehicle is not None:
+            axis = base.hold(jnp.zeros_like(base.servo.lower)) - vehicle.offset
         contact = HullContact.of(
             rod,
             self.first_edge,
+            axis=axis,
             length=self.length,
             diameter=self.diameter,
             friction=friction,
             mass=jnp.asarray(jnp.inf) if vehicle is None else vehicle.mass,
         )
-        if vehicle is None:
-            return Hull(contact, self.first_edge)
-        axis = base.hold(jnp.zeros_like(base.servo.lower)) - vehicle.offset
-        return Hull(contact, self.first_edge, axis, jnp.eye(rod.axes))
+        return Hull(contact, self.first_edge)
 
 
 def _retraction(scenario: Scenario) -> float:

@@ -13,14 +13,13 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm, prepared
 from crinoid.dynamics.context import Context
-from crinoid.dynamics.far_contact import FarContact
 from crinoid.dynamics.forces import Forces, Points, Rows
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, VEHICLE_ROWS
 from crinoid.dynamics.tangent import LineStiffness, Tangent
-from crinoid.dynamics.vehicle import unknowns, vehicle_rows
+from crinoid.dynamics.vehicle import VehicleKinematics, unknowns, vehicle_rows
 from crinoid.dynamics.windows import Surroundings
-from crinoid.elements import Element, Motion, Pose
+from crinoid.elements import Element, Motion, Pose, VehiclePose
 from crinoid.flow import Current, Water
 from crinoid.numerics import banded
 
@@ -59,6 +58,13 @@ class ActingForces(Forces):
             return None
         return self.context.pose or Pose.unturned(self.obstacles.count, self.axes)
 
+    @property
+    def heading(self) -> VehiclePose | None:
+        """Attitude of a floating vehicle at the start of the step."""
+        if self.vehicle is None:
+            return None
+        return self.context.heading or VehiclePose.at_start(self.axes)
+
     def unknown(self, rows: Rows, turn: Array | float = 1.0) -> Float[Array, "unknown b"]:
         """Return the rows of unknowns: free nodes, free obstacles, a vehicle.
 
@@ -70,7 +76,7 @@ class ActingForces(Forces):
             parts.append(rows[self.free_rows])
             rotations = rows[self.rows.rotations][np.array(self.free, int)]
             parts.append(factors[: len(self.free), None] * rotations)
-        if self.context.mount is not None:
+        if self.context.clamp is not None:
             parts.append(jnp.stack([rows[CENTRE], factors[-1] * rows[ROTATION]]))
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
@@ -89,15 +95,16 @@ class ActingForces(Forces):
         free: tuple[int, ...] = ()
         if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
             free = self.obstacles.bodies.unknowns(size)
-        if self.context.mount is None:
+        if self.context.clamp is None:
             return free
         first = 0 if self.obstacles is None else self.obstacles.rows
         return (*free, *(first * size + i for i in unknowns(self.axes, size)))
 
     def attitude(self, rows: Rows) -> Float[Array, "d d"] | None:
         """Return the attitude of a moving vehicle from the positions of all rows."""
-        mount = self.context.mount
-        return None if mount is None else mount.attitude_at(rows)
+        if self.context.clamp is None or self.heading is None:
+            return None
+        return self.heading.attitude_at(rows[ROTATION])
 
     def obstacle_attitude(self, motion: Motion) -> Float[Array, "m d d"] | None:
         """Return the attitude of the obstacles, if some are free."""
@@ -118,16 +125,9 @@ class ActingForces(Forces):
             return None
         return self.obstacles.bodies.gaps(rows[self.rows.obstacle_rows], self.pose)
 
-    def far_contacts_at(self, rows: Rows) -> tuple[FarContact, ...]:
-        """Return the contacts of far parts for the positions of all rows."""
-        if not self.far_contacts:
-            return ()
-        attitude = self.context.attitude if self.context.mount is None else self.attitude(rows)
-        return tuple(each.turned(attitude) for each in self.far_contacts)
-
     def far_gaps(self, rows: Rows) -> tuple[Array, ...]:
         """Return the gaps of the contacts of far parts (m)."""
-        return tuple(each.gaps(rows, self.axes) for each in self.far_contacts_at(rows))
+        return tuple(each.gaps(rows, self.axes, self.heading) for each in self.far_contacts)
 
     def touches(self, rows: Rows) -> Bool[Array, ""]:
         """Return whether far parts are in contact."""
@@ -164,9 +164,9 @@ class ActingForces(Forces):
     def _moving(self, stage: StepMap, rows: tuple[Rows, ...], around: Surroundings) -> Motion:
         """Return the motion from all rows except those clamped on a vehicle."""
         position, velocity, acceleration = rows
-        frames, mount = stage.frames, self.context.mount
-        if mount is not None:
-            held = mount.kinematics(*rows).to_world(mount.held, frames)
+        frames, clamp = stage.frames, self.context.clamp
+        if clamp is not None:
+            held = self._kinematics(rows).to_world(clamp, frames)
             position, velocity, acceleration = (
                 banded.with_first_rows(first, row) for row, first in zip(rows, held, strict=True)
             )
@@ -202,8 +202,8 @@ class ActingForces(Forces):
             total += banded.pad_columns(nodal, size)
             most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
             largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
-        for far in self.far_contacts_at(motion.position):
-            pushed = far.push(motion)[:num_nodes]
+        for far in self.far_contacts:
+            pushed = far.push(motion, self.heading)[:num_nodes]
             largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed[far.first_row :]), axis=0))
             total -= pushed
         rows = total
@@ -220,7 +220,7 @@ class ActingForces(Forces):
         if self.vehicle is None:
             return rows, largest
         pushed = jnp.zeros((VEHICLE_ROWS, size))
-        if self.context.mount is not None:
+        if self.context.clamp is not None:
             pushed = self._on_vehicle(motion, rows[:BOUNDARY_NODES])
         return jnp.concatenate([rows, pushed]), largest
 
@@ -272,18 +272,19 @@ class ActingForces(Forces):
             near = self.obstacle_motion(motion)
             own = obstacles.bodies.stiffness(near, self.pose, of_rows)
             border = obstacles.border(touch, own, num_nodes)
-        far_contacts = self.far_contacts_at(motion.position)
 
         def of_window(contact: Element, window: Motion) -> Array:
             still = jnp.zeros((*window.flow_velocity.shape, self.axes))
             return jacobian(((contact, None),), window, (still, None))
 
-        far = [each.stiffness(motion, of_window, num_nodes) for each in far_contacts]
+        far = [
+            each.stiffness(motion, self.heading, of_window, num_nodes) for each in self.far_contacts
+        ]
         extra = self.extra(size)
         own_unknowns = 0 if border is None else border.corner.shape[0]
         bodies = extra[:own_unknowns]
         tangent = Tangent(bands, border, bodies, far=sum(far[1:], far[0]) if far else None)
-        if self.context.mount is not None:
+        if self.context.clamp is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
             return tangent
@@ -328,17 +329,24 @@ class ActingForces(Forces):
 
         Without the forces on the vehicle ``alone`` it is linear in these.
         """
-        vehicle, mount = self.vehicle, self.context.mount
+        vehicle, clamp = self.vehicle, self.context.clamp
         assert vehicle is not None
-        assert mount is not None
-        kinematics = mount.kinematics(*_rows(motion))
-        force, moment = kinematics.resultant(mount.held, held)
+        assert clamp is not None
+        kinematics = self._kinematics(_rows(motion))
+        force, moment = kinematics.resultant(clamp, held)
         if alone:
             own = vehicle.residual(
                 kinematics, motion.flow_velocity[CENTRE], motion.flow_acceleration[CENTRE]
             )
             force, moment = force + own[0], moment + own[1]
         return vehicle_rows(force, moment, held.shape[1])
+
+    def _kinematics(self, rows: tuple[Rows, ...]) -> VehicleKinematics:
+        """Return the motion of the vehicle from position, velocity and acceleration of all rows."""
+        attitude, heading = self.attitude(rows[0]), self.heading
+        assert attitude is not None
+        assert heading is not None
+        return VehicleKinematics.of(attitude, heading.turn.size, *rows)
 
     def _points(self, rows: Rows) -> Points:
         """Return the position of each row; that of a rotation is the centre of mass."""

@@ -6,9 +6,9 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from crinoid.base import Prescribed
 from crinoid.dynamics.gripper import GripState
-from crinoid.dynamics.vehicle import Mount
-from crinoid.elements import Pose
+from crinoid.elements import Pose, VehiclePose
 
 Memory = tuple[Any, ...]
 """Memory of each element; None for those without."""
@@ -27,16 +27,17 @@ class Context(eqx.Module):
     """Grip of a tool, if touches take it up or let it go."""
     pose: Pose | None = None
     """Attitude of the obstacles at the start of the step; None for that of a run."""
-    attitude: Float[Array, "d d"] | None = None
-    """Attitude of a vehicle that is held still."""
-    mount: Mount | None = None
-    """Clamp of the arm on a floating vehicle; None while that is held still."""
+    heading: VehiclePose | None = None
+    """Attitude of a floating vehicle at the start of the step; None for that of a run."""
+    clamp: Prescribed | None = None
+    """Motion of ghost node and root from the centre of mass of a floating vehicle, in its axes;
+    None while it is held still."""
     frozen_at: Float[Array, ""] | None = None
     """Time at which the flow is frozen (s), and obstacles and vehicle are held still."""
 
     def at_rest(self, time: Float[Array, ""]) -> "Context":
         """Return the context of an equilibrium in the flow at a time (s), all laws relaxed."""
-        return replace(self, frozen_at=time, mount=None, memory=(), step=None)
+        return replace(self, frozen_at=time, clamp=None, memory=(), step=None)
 
     def remembering(self, memory: Memory, step: Float[Array, ""]) -> "Context":
         """Return the context of a step of given length (s) from a memory."""

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.elements import HullContact, Motion, SelfContact
+from crinoid.elements import HullContact, Motion, SelfContact, VehiclePose
 
 Rows = Float[Array, "rows b"]
 Windows = tuple[SelfContact | HullContact, Int[Array, "w k"], Motion]
@@ -41,44 +41,33 @@ class FarContact(eqx.Module):
         return jnp.min(self.contact.between_axes)
 
     @abstractmethod
-    def touch(self, motion: Motion) -> Any:
-        """Return the contact of each edge."""
+    def touch(self, motion: Motion, pose: VehiclePose | None) -> Any:
+        """Return the contact of each edge; ``pose`` is that of a floating vehicle."""
 
-    def turned(self, attitude: Float[Array, "d d"] | None) -> "FarContact":
-        """Return the contact at an attitude of the vehicle."""
-        return self
-
-    def placed(self, motion: Motion) -> Motion:
-        """Return a motion with all rows of the windows."""
-        return motion
-
-    def positions(self, rows: Rows) -> Float[Array, "more b"]:
-        """Return positions with all rows of the windows."""
-        return rows
-
-    def gaps(self, rows: Rows, axes: int) -> Float[Array, " w"]:
+    def gaps(self, rows: Rows, axes: int, pose: VehiclePose | None) -> Float[Array, " w"]:
         """Return the gap of each window, or lower bounds where none presses (m)."""
-        return self.distances(rows, axes)
+        return self.distances(rows, axes, pose)
 
-    def distances(self, rows: Rows, axes: int) -> Float[Array, " w"]:
+    def distances(self, rows: Rows, axes: int, pose: VehiclePose | None) -> Float[Array, " w"]:
         """Return the gap of each window (m)."""
-        places = self.positions(rows)[self.nodes, :axes]
-        return jax.vmap(lambda contact, place: contact.gap(place))(self.contact, places)
+        gap = jax.vmap(lambda contact, place: contact.gap(place, axes, pose))
+        return gap(self.contact, rows[self.nodes])
 
-    def push(self, motion: Motion) -> Rows:
+    def push(self, motion: Motion, pose: VehiclePose | None) -> Rows:
         """Return the forces on all rows (N)."""
 
         def pushed() -> Rows:
-            contact, nodes, window = self.nearest(motion, gaps)
+            contact, nodes, window = self.nearest(motion, pose, gaps)
             forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
             return jnp.zeros_like(motion.position).at[nodes[:, :NODES]].add(forces[:, :NODES])
 
-        gaps = self._still_gaps(motion)
+        gaps = self._still_gaps(motion, pose)
         return self._where_pressing(gaps, pushed)
 
     def stiffness(
         self,
         motion: Motion,
+        pose: VehiclePose | None,
         jacobian: Callable[[SelfContact | HullContact, Motion], Array],
         num_nodes: int,
     ) -> Float[Array, "n b n b"]:
@@ -86,12 +75,12 @@ class FarContact(eqx.Module):
         size = motion.position.shape[1]
 
         def stiff() -> Float[Array, "n b n b"]:
-            contact, nodes, window = self.nearest(motion, gaps)
+            contact, nodes, window = self.nearest(motion, pose, gaps)
             blocks = jnp.moveaxis(jax.vmap(jacobian)(contact, window), 3, 2)
             none, at = jnp.zeros((num_nodes, size, num_nodes, size)), nodes[:, :NODES]
             return none.at[at[:, :, None], :, at[:, None, :]].add(blocks[:, :NODES, :NODES])
 
-        gaps = self._still_gaps(motion)
+        gaps = self._still_gaps(motion, pose)
         return self._where_pressing(gaps, stiff)
 
     def resolved(
@@ -100,22 +89,26 @@ class FarContact(eqx.Module):
         """Return whether a step resolves its contacts, from the displacements and both gaps (m)."""
         return self.contact.resolved(moved[self.nodes], before, after, step)
 
-    def nearest(self, motion: Motion, gaps: Float[Array, " w"]) -> Windows:
-        """Return the windows with a force, at most: contacts, rows and motion."""
-        return self.windows(motion, self.contact, jnp.asarray(self.nodes))
-
-    def windows(
-        self, motion: Motion, contact: SelfContact | HullContact, nodes: Int[Array, "w k"]
+    def nearest(
+        self, motion: Motion, pose: VehiclePose | None, gaps: Float[Array, " w"]
     ) -> Windows:
-        """Return contacts, rows and motion of some windows."""
-        width = motion.position.shape[1]
-        moving = self.placed(motion).windows(lambda rows: rows[nodes], nodes.shape[:1], width)
-        return contact, nodes, moving
+        """Return the windows with a force, at most: contacts, rows and motion."""
+        contact, nodes = self.pressing(gaps)
+        count, width = nodes.shape[:1], motion.position.shape[1]
+        memory = jax.tree.map(lambda x: jnp.broadcast_to(x, (*count, *x.shape)), pose)
+        window = motion.windows(lambda rows: rows[nodes], count, width)
+        return contact, nodes, window.remembering(memory, None)
 
-    def _still_gaps(self, motion: Motion) -> Float[Array, " w"]:
+    def pressing(
+        self, gaps: Float[Array, " w"]
+    ) -> tuple[SelfContact | HullContact, Int[Array, "w k"]]:
+        """Return contacts and rows of windows, at least of all with a force, by the gaps (m)."""
+        return self.contact, jnp.asarray(self.nodes)
+
+    def _still_gaps(self, motion: Motion, pose: VehiclePose | None) -> Float[Array, " w"]:
         """Return the gaps by which windows are chosen, without derivative."""
         axes = motion.flow_velocity.shape[-1]
-        return self.gaps(jax.lax.stop_gradient(motion.position), axes)
+        return self.gaps(jax.lax.stop_gradient(motion.position), axes, pose)
 
     def _where_pressing(self, gaps: Float[Array, " w"], of: Callable[[], Array]) -> Array:
         """Return an array of the windows in contact; zero, at no cost, while there are none."""

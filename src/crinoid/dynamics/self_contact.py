@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.dynamics.far_contact import FarContact, Rows, Windows
+from crinoid.dynamics.far_contact import FarContact, Rows
 from crinoid.dynamics.rows import ROOT
-from crinoid.elements import Motion, SelfContact
+from crinoid.elements import Motion, SelfContact, VehiclePose
 from crinoid.rod import Rod
 
 CANDIDATES = 2
@@ -60,7 +60,7 @@ class FarEdges(FarContact):
         """Largest number of pairs with a force."""
         return min(len(self.nodes), CANDIDATES * len(self.beyond))
 
-    def gaps(self, rows: Rows, axes: int) -> Float[Array, " pair"]:
+    def gaps(self, rows: Rows, axes: int, pose: VehiclePose | None) -> Float[Array, " pair"]:
         nodes = rows[ROOT : ROOT + len(self.beyond) + 1, :axes]
         middle, edge = 0.5 * (nodes[1:] + nodes[:-1]), nodes[1:] - nodes[:-1]
         reach = 0.5 * jnp.sqrt(jnp.sum(edge**2, axis=1))
@@ -70,14 +70,14 @@ class FarEdges(FarContact):
         within = reach[one] + reach[other] + self.contact.between_axes
         bound = jnp.sqrt(apart + jnp.finfo(float).tiny) - within
         near = jnp.any(bound < self.contact.skin)
-        return jax.lax.cond(near, lambda: self.distances(rows, axes), lambda: bound)
+        return jax.lax.cond(near, lambda: self.distances(rows, axes, pose), lambda: bound)
 
-    def touch(self, motion: Motion) -> SelfTouch:
+    def touch(self, motion: Motion, pose: VehiclePose | None) -> SelfTouch:
         axes, count = motion.flow_velocity.shape[-1], len(self.beyond)
-        gaps = self.distances(motion.position, axes)
+        gaps = self.distances(motion.position, axes, pose)
         edges = jnp.asarray(self.edges)
         gap = jnp.full(count, jnp.inf).at[edges].min(gaps[:, None])
-        contact, nodes, window = self.nearest(motion, gaps)
+        contact, nodes, window = self.nearest(motion, pose, gaps)
         forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
         on_edges = jnp.sum(forces[..., :axes].reshape(-1, 2, 2, axes), axis=2)
         force = jnp.zeros((count, axes)).at[nodes[:, ::2] - ROOT].add(on_edges)
@@ -97,12 +97,12 @@ class FarEdges(FarContact):
         still, exactly = jnp.all(apart & (farthest <= room)), super().resolved
         return jax.lax.cond(still, lambda: still, lambda: exactly(moved, before, after, step))
 
-    def nearest(self, motion: Motion, gaps: Float[Array, " pair"]) -> Windows:
+    def pressing(self, gaps: Float[Array, " pair"]) -> tuple[SelfContact, Int[Array, "w 4"]]:
         contact, nodes = self.contact, jnp.asarray(self.nodes)
         if self.most < len(nodes):
             _, at = jax.lax.top_k(-gaps, self.most)
             contact, nodes = jax.tree.map(lambda values: values[at], (contact, nodes))
-        return self.windows(motion, contact, nodes)
+        return contact, nodes
 
 
 def _pairs(beyond: tuple[int, ...]) -> Int[np.ndarray, "pair 2"]:

@@ -16,7 +16,7 @@ from crinoid.dynamics.balance import Balance, implicit_derivative
 from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, ROTATION, SPIN
+from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, SPIN
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import Tangent
 from crinoid.numerics.banded import pad_columns, with_first_rows
@@ -39,7 +39,7 @@ def at_end(
     Also the motion of the base, None on a floating vehicle. The step of given length (s) starts
     from ``state``; ``context`` lacks the clamp on a vehicle.
     """
-    acting = ActingForces.of(forces, mounted(context, forces, base, stage.time, servo, state))
+    acting = ActingForces.of(forces, clamped(context, forces, base, stage.time, servo))
     held = None if forces.vehicle is not None else base.prescribe(stage.time, servo)
     return acting, held, _with_prescribed_motion(acting, held, stage, state, step)
 
@@ -211,28 +211,13 @@ def rigid_body_velocity(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[A
     return jnp.concatenate([velocity, dot(tangents(nodes), turning)[:, None]], axis=1)
 
 
-def mounted(
-    context: Context,
-    forces: Forces,
-    base: Base,
-    time: Array,
-    servo: ServoState,
-    before: State | None = None,
+def clamped(
+    context: Context, forces: Forces, base: Base, time: Array, servo: ServoState
 ) -> Context:
-    """Return a context with the clamp on a floating vehicle, if any.
-
-    At the end of a step from a state, or at the start.
-    """
-    vehicle, axes = forces.vehicle, forces.axes
-    if vehicle is None:
+    """Return a context with the clamp on a floating vehicle, if any."""
+    if forces.vehicle is None:
         return context
-    turns = 1 if axes == 2 else 3
-    attitude, turn = jnp.eye(axes), jnp.zeros(turns)
-    if before is not None:
-        assert before.attitude is not None
-        attitude, turn = before.attitude, before.motion.position[ROTATION, :turns]
-    mount = vehicle.mount(base.prescribe(time, servo), attitude, turn)
-    return replace(context, mount=mount)
+    return replace(context, clamp=forces.vehicle.clamp(base.prescribe(time, servo)))
 
 
 def begin(
@@ -248,7 +233,7 @@ def begin(
     It moves rigidly with the base, with the acceleration in balance; a floating vehicle starts from
     rest.
     """
-    context = mounted(forces.context, forces, base, time, followers[0])
+    context = clamped(forces.context, forces, base, time, followers[0])
     forces = replace(forces, context=context)
     nodes, held = forces.nodes(position), base.prescribe(time, followers[0])
     moving = [with_first_rows(held.velocity, rigid_body_velocity(held, nodes))]

@@ -15,8 +15,8 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripState
 from crinoid.dynamics.newton import ReusedTangent
 from crinoid.dynamics.obstacles import Touch
-from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, RowLayout
-from crinoid.elements import WORKS, Motion, Pose
+from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, RowLayout
+from crinoid.elements import WORKS, Motion, Pose, VehiclePose
 from crinoid.numerics.frames import Frames, beyond, unit
 
 Nodes = Any  # (n, d), of one state or of many at once, in JAX or NumPy
@@ -123,18 +123,18 @@ class State(eqx.Module):
     @property
     def context(self) -> Context:
         """Context of the forces at the start of a step from here."""
-        pose = None
+        pose, heading, turns = None, None, self.motion.position[:, : 1 if self._axes == 2 else 3]
         if self.obstacle_attitude is not None:
-            turns = 1 if self._axes == 2 else 3
-            turn = self.motion.position[self._rows.rotations, :turns]
-            pose = Pose(self.obstacle_attitude, turn)
+            pose = Pose(self.obstacle_attitude, turns[self._rows.rotations])
+        if self.attitude is not None:
+            heading = VehiclePose(self.attitude, turns[ROTATION])
         return Context(
             drive=self.motion.drive,
             memory=self.memory,
             step=jnp.zeros(()),
             grip=self.grip,
             pose=pose,
-            attitude=self.attitude,
+            heading=heading,
         )
 
     @property
@@ -258,8 +258,8 @@ class EnergyAccount(eqx.Module):
         if forces.obstacles is not None:
             motion = acting.obstacle_motion(state.motion)
             contact, known["contact"] = forces.obstacles.touch(motion, acting.pose)
-        for far in acting.far_contacts_at(state.motion.position):
-            pushed = far.push(state.motion)[:nodes]
+        for far in acting.far_contacts:
+            pushed = far.push(state.motion, acting.heading)[:nodes]
             known["contact"] = known.get("contact", 0.0) + pushed
         held = acting.arm.memory_energy(state.motion)
         return EnergyAccount(known, jnp.zeros(len(WORKS)), contact, held)

@@ -14,33 +14,13 @@ from crinoid.base import Prescribed
 from crinoid.dynamics.rows import CENTRE, GHOST, ROOT, ROTATION, SPIN
 from crinoid.elements import Motion
 from crinoid.elements.water import smooth_speed
-from crinoid.numerics.frames import Frames, cross, dot, moments, rotation_velocity, turned
+from crinoid.numerics.frames import Frames, cross, dot, moments, rotation_velocity
 from crinoid.numerics.small_matrices import product
 
 Vector = Float[Array, " d"]
 Turns = Float[Array, " turns"]
 Held = Float[Array, "2 b"]
 Rows = Float[Array, "rows b"]
-
-
-class Mount(eqx.Module):
-    """Clamp of the arm on a vehicle at the end of a step, and its attitude at the start."""
-
-    held: Prescribed
-    """Motion of ghost node and root from the centre of mass, in the vehicle's axes."""
-    attitude: Float[Array, "d d"]
-    """Matrix from the vehicle's axes to the world's at the start of the step."""
-    turn: Turns
-    """Rotation in the vehicle's row at the start of the step (rad)."""
-
-    def kinematics(self, position: Rows, velocity: Rows, acceleration: Rows) -> "VehicleKinematics":
-        """Return the motion of the vehicle from its rows."""
-        attitude, turns = self.attitude_at(position), self.turn.size
-        return VehicleKinematics.of(attitude, turns, position, velocity, acceleration)
-
-    def attitude_at(self, position: Rows) -> Float[Array, "d d"]:
-        """Return the attitude of the vehicle from the positions of all rows."""
-        return turned(self.attitude, position[ROTATION, : self.turn.size] - self.turn)
 
 
 class VehicleKinematics(eqx.Module):
@@ -244,13 +224,9 @@ class Vehicle(eqx.Module):
         pose = jnp.concatenate([kinematics.position - self.offset, angles])
         return VehicleOutput(pose, *self.thrusters(kinematics, self.offset))
 
-    def mount(self, held: Prescribed, attitude: Float[Array, "d d"], turn: Turns) -> Mount:
-        """Return the mount for a clamp given where the vehicle starts."""
-        return Mount(
-            Prescribed(held.position - self.offset, held.velocity, held.acceleration, held.frame),
-            attitude,
-            turn,
-        )
+    def clamp(self, held: Prescribed) -> Prescribed:
+        """Return the motion of a clamp from the centre of mass, given where the vehicle starts."""
+        return Prescribed(held.position - self.offset, held.velocity, held.acceleration, held.frame)
 
 
 def turn_of(rotation: Float[Array, "d d"]) -> Turns:

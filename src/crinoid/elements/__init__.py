@@ -27,6 +27,7 @@ from crinoid.elements.oscillators import Synchronisation as Synchronisation
 from crinoid.elements.oscillators import WakeOscillator as WakeOscillator
 from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
 from crinoid.elements.rigid import Pose as Pose
+from crinoid.elements.rigid import VehiclePose as VehiclePose
 from crinoid.elements.self_contact import SelfContact as SelfContact
 from crinoid.elements.spatial import BendTwist as BendTwist
 from crinoid.elements.surface_contact import Bed as Bed

@@ -9,8 +9,9 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, size, surfaces
 from crinoid.elements.element import Motion
+from crinoid.elements.rigid import VehiclePose
 from crinoid.elements.self_contact import carried
-from crinoid.numerics.frames import cross, rotate_90, unit
+from crinoid.numerics.frames import cross, rotate_90, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 
@@ -18,9 +19,10 @@ from crinoid.rod import Rod
 class HullContact(SoftSkin):
     """Contact of an edge with a rigid capsule behind the root of the arm.
 
-    A window has the two nodes of the edge, ghost node and root, and two points of the hull's axis:
-    one behind its nose, and its nose. Where the hull follows the clamp of the arm these are ghost
-    node and root again. The force law is that of `Contact`, friction included.
+    A window has the two nodes of the edge, ghost node and root, which are two points of the hull's
+    axis: one behind its nose, and its nose. On a floating vehicle, to which channels may move the
+    root, the vehicle's two rows follow, and the memory is its `VehiclePose`. The force law is that
+    of `Contact`, friction included.
 
     The forces on the edge act back on the hull. The window has this reaction, force and moment, as
     forces on ghost node and root, which the vehicle holds, so both momenta are kept.
@@ -38,6 +40,8 @@ class HullContact(SoftSkin):
     """Length of the hull from end to end (m)."""
     radius: Float[Array, "*count"]
     """Radius of the hull (m)."""
+    axis: Float[Array, "*count 2 d"] | None = None
+    """Both points of its axis from the centre of mass, in the axes of a floating vehicle (m)."""
 
     @staticmethod
     def of(
@@ -48,6 +52,7 @@ class HullContact(SoftSkin):
         diameter: Float[Array, ""],
         friction: Float[Array, ""],
         mass: Float[Array, ""],
+        axis: Float[Array, "2 d"] | None = None,
     ) -> "HullContact":
         """Pair the edges of a rod from ``first`` on with a hull.
 
@@ -66,6 +71,7 @@ class HullContact(SoftSkin):
             1 / (1 / edge_mass + 1 / mass),
             long,
             radius,
+            None if axis is None else jnp.broadcast_to(axis, (*edge_mass.shape, *axis.shape)),
         )
 
     @property
@@ -84,16 +90,39 @@ class HullContact(SoftSkin):
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
         return -self.forces(motion)
 
-    def gap(self, position: Float[Array, "k d"]) -> Float[Array, ""]:
+    def gap(
+        self, position: Float[Array, "k b"], axes: int, pose: VehiclePose | None
+    ) -> Float[Array, ""]:
         """Return the distance of the surfaces (m)."""
-        return self._closest(position)[0]
+        return self._closest(position[:2, :axes], self._points(position, axes, pose))[0]
+
+    def _points(
+        self, position: Float[Array, "k b"], axes: int, pose: VehiclePose | None
+    ) -> Float[Array, "2 d"]:
+        """Return both points of the hull's axis (m)."""
+        if self.axis is None or pose is None:
+            return position[2:4, :axes]
+        return position[4, :axes] + product(self.axis, pose.attitude_at(position[5]).T)
+
+    def _moving(self, motion: Motion) -> Float[Array, "2 b"]:
+        """Return the velocities of these points; in space also the spin about the axis."""
+        velocity, pose = motion.velocity, motion.memory
+        if self.axis is None or pose is None:
+            return velocity[2:4]
+        axes, rate = self.axis.shape[1], velocity[5, : pose.turn.size]
+        attitude = pose.attitude_at(motion.position[5])
+        moving = velocity[4, :axes] + product(rotation_velocity(rate, self.axis), attitude.T)
+        if axes == 2:
+            return moving
+        forward, _ = unit(self.axis[1] - self.axis[0])
+        return jnp.pad(moving, ((0, 0), (0, 1))).at[1, 3].set(product(rate, forward))
 
     def on_edge(self, motion: Motion) -> Float[Array, "2 b"]:
         """Return the forces on the two nodes (N); in space also the torque about the edge (N m)."""
         axes = motion.flow_velocity.shape[-1]
-        places = motion.position[:, :axes]
-        ends, axis, moving = places[:2], places[-2:], motion.velocity[-2:]
-        gap, slopes, share, outward = self._closest(places)
+        ends, moving = motion.position[:2, :axes], self._moving(motion)
+        axis = self._points(motion.position, axes, motion.memory)
+        gap, slopes, share, outward = self._closest(ends, axis)
         lever = -self.arm_radius * outward
         point = ends[0] + share * (ends[1] - ends[0]) + lever
         along, swing = carried(axis, jnp.ones(()), point - axis[1], moving), motion.velocity[:2]
@@ -131,15 +160,17 @@ class HullContact(SoftSkin):
         rest = jnp.zeros((motion.position.shape[0] - 4, pushed.shape[1]))
         return jnp.concatenate([pushed, reaction, rest])
 
-    def _closest(self, position: Float[Array, "k d"]) -> tuple[Array, Array, Array, Array]:
+    def _closest(
+        self, ends: Float[Array, "2 d"], axis: Float[Array, "2 d"]
+    ) -> tuple[Array, Array, Array, Array]:
         """Return the gap, its gradient by the nodes, its place on the edge, and its direction.
 
         The direction is a unit vector from the hull's axis to the edge.
         """
-        forward, _ = unit(position[-1] - position[-2])
-        edge = position[1] - position[0]
+        forward, _ = unit(axis[1] - axis[0])
+        edge = ends[1] - ends[0]
         half = (0.5 * self.length - self.radius) * forward
-        apart = position[0] - position[-1] + 0.5 * self.length * forward
+        apart = ends[0] - axis[1] + 0.5 * self.length * forward
         share, along = closest_of_cores(edge, half, apart)
         off = share - 0.5
         between = apart + share * edge - along * half

@@ -55,3 +55,16 @@ class Pose(eqx.Module):
         axes, turns = self.attitude.shape[0], self.turn.size
         attitude, spin = self.attitude_at(position[1]), velocity[1, :turns]
         return RigidMotion(attitude, position[0, :axes], velocity[0, :axes], spin)
+
+
+class VehiclePose(Pose):
+    """Attitude of a vehicle at the start of a step; its second row turns in its own axes."""
+
+    @staticmethod
+    def at_start(axes: int) -> "VehiclePose":
+        """Return the pose at the start of a run, when its axes are those of the world."""
+        return VehiclePose(jnp.eye(axes), jnp.zeros(1 if axes == 2 else 3))
+
+    def attitude_at(self, rotation: Float[Array, " b"]) -> Float[Array, "d d"]:
+        """Return the attitude for a second row."""
+        return turned(self.attitude, rotation[: self.turn.size] - self.turn)

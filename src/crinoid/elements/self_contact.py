@@ -63,9 +63,9 @@ class SelfContact(SoftSkin):
     def residual(self, motion: Motion) -> Float[Array, "4 b"]:
         return -self.forces(motion)
 
-    def gap(self, position: Float[Array, "4 d"]) -> Float[Array, ""]:
+    def gap(self, position: Float[Array, "4 b"], axes: int, pose: None) -> Float[Array, ""]:
         """Return the distance of the surfaces (m)."""
-        distance, _, _, _ = _closest(position)
+        distance, _, _, _ = _closest(position[:, :axes])
         return distance - self.between_axes
 
     def forces(self, motion: Motion) -> Float[Array, "4 b"]:

@@ -31,8 +31,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         for sensor, samples in zip(loop.sensors, carry.sensors, strict=True)
     ]
     spatial = state.frames is not None
-    far = forces.far_contacts_at(state.motion.position)
-    touches = {type(each): each.touch(state.motion) for each in far}
+    touches = {type(each): each.touch(state.motion, forces.heading) for each in forces.far_contacts}
     estimate, estimate_time = loop.estimate(carry)
     return Record(
         time=state.time,

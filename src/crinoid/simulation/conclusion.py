@@ -195,9 +195,10 @@ def nearest_pair(system: System, state: State) -> str:
     gaps = [] if state.gap is None else np.min(np.asarray(state.gap), axis=1).tolist()
     found = [(gap, f"obstacle {index}", "the arm") for index, gap in enumerate(gaps)]
     rows, axes = state.motion.position, system.forces.axes
-    for each in ActingForces.of(system.forces, state.context).far_contacts_at(rows):
+    forces = ActingForces.of(system.forces, state.context)
+    for each in forces.far_contacts:
         other = "the hull" if isinstance(each, Hull) else "itself"
-        found.append((float(jnp.min(each.distances(rows, axes))), "the arm", other))
+        found.append((float(jnp.min(each.distances(rows, axes, forces.heading))), "the arm", other))
     bodies = None if system.forces.obstacles is None else system.forces.obstacles.bodies
     if bodies is not None and state.body_gap is not None:
         apart = np.asarray(state.body_gap) - np.asarray(bodies.skin)
