@@ -76,7 +76,7 @@ def test_a_smooth_skin_stores_all_work_and_friction_only_takes(axes):
     smooth, rough = pair(0.0), pair()
 
     def potential(places):
-        return smooth.press(smooth.gap(places))[0]
+        return smooth.press(smooth.gap(places, places.shape[1], None))[0]
 
     slope = jax.vmap(jax.grad(potential))(jnp.asarray(position[..., :axes]))
     pushed = forces(smooth, position, velocity)
