@@ -124,3 +124,11 @@ def test_the_map_of_folders_is_up_to_date():
     assert script.page() == (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     for path, text in script.inits().items():
         assert path.read_text("utf-8") == text, "run python docs/make_folder_map.py"
+
+
+def test_the_way_of_a_number_leads_through_what_is_there():
+    lines = "".join(blocks(DOCS / "develop" / "architecture.md", "")).splitlines()
+    assert len(lines) > 10
+    for path, name, *_ in map(str.split, lines):
+        source = (ROOT / "src" / "crinoid" / path).read_text("utf-8")
+        assert re.search(rf"^(class|def) {name}\b", source, re.M), (path, name)
