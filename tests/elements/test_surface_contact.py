@@ -101,7 +101,7 @@ def test_the_gap_from_a_hill_is_that_from_its_ball(axes):
         along[[0, -1]] = np.cos(angle), -np.sin(angle)
         middle = (0.3 + THICK) * out
         places = np.stack([middle - 0.02 * along, middle + 0.02 * along, 0 * out])
-        gap, known = (gap_of(one, places) for one in (hill, round_one))
+        gap, known = (gap_of(one, places, None) for one in (hill, round_one))
         assert float(gap) == pytest.approx(float(known), abs=0.01 * THICK)
 
 
@@ -130,7 +130,7 @@ def test_gap_is_the_least_distance_over_the_edge(surface, axes):
     for _ in range(30):
         near, way = 0.05 * rng.normal(size=axes), rng.normal(size=axes)
         places = np.stack([near, near + 0.1 * way / np.linalg.norm(way), 0 * near])
-        gap = float(gap_of(contact, places))
+        gap = float(gap_of(contact, places, None))
         assert gap == pytest.approx(float(brute(places)), abs=1e-6)
 
 
@@ -177,5 +177,5 @@ def test_outside_of_the_grid_there_is_no_contact(axes):
     for away in (0.08, 0.5, 30.0):
         near = away * np.ones(axes) / np.sqrt(axes)
         places = np.stack([near, near + 0.1 * near / away, 0 * near])
-        gap = float(gap_of(contact, places))
+        gap = float(gap_of(contact, places, None))
         assert 0.03 * away < gap <= away - BALL - THICK + 1e-3

@@ -127,7 +127,7 @@ class ActingForces(Forces):
 
     def far_gaps(self, rows: Rows) -> tuple[Array, ...]:
         """Return the gaps of the contacts of far parts (m)."""
-        return tuple(each.gaps(rows, self.axes, self.heading) for each in self.far_contacts)
+        return tuple(each.gaps(rows, self.heading) for each in self.far_contacts)
 
     def touches(self, rows: Rows) -> Bool[Array, ""]:
         """Return whether far parts are in contact."""

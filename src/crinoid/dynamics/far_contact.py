@@ -44,13 +44,13 @@ class FarContact(eqx.Module):
     def touch(self, motion: Motion, pose: VehiclePose | None) -> Any:
         """Return the contact of each edge; ``pose`` is that of a floating vehicle."""
 
-    def gaps(self, rows: Rows, axes: int, pose: VehiclePose | None) -> Float[Array, " w"]:
+    def gaps(self, rows: Rows, pose: VehiclePose | None) -> Float[Array, " w"]:
         """Return the gap of each window, or lower bounds where none presses (m)."""
-        return self.distances(rows, axes, pose)
+        return self.distances(rows, pose)
 
-    def distances(self, rows: Rows, axes: int, pose: VehiclePose | None) -> Float[Array, " w"]:
+    def distances(self, rows: Rows, pose: VehiclePose | None) -> Float[Array, " w"]:
         """Return the gap of each window (m)."""
-        gap = jax.vmap(lambda contact, place: contact.gap(place, axes, pose))
+        gap = jax.vmap(lambda contact, place: contact.gap(place, pose))
         return gap(self.contact, rows[self.nodes])
 
     def push(self, motion: Motion, pose: VehiclePose | None) -> Rows:
@@ -107,8 +107,7 @@ class FarContact(eqx.Module):
 
     def _still_gaps(self, motion: Motion, pose: VehiclePose | None) -> Float[Array, " w"]:
         """Return the gaps by which windows are chosen, without derivative."""
-        axes = motion.flow_velocity.shape[-1]
-        return self.gaps(jax.lax.stop_gradient(motion.position), axes, pose)
+        return self.gaps(jax.lax.stop_gradient(motion.position), pose)
 
     def _where_pressing(self, gaps: Float[Array, " w"], of: Callable[[], Array]) -> Array:
         """Return an array of the windows in contact; zero, at no cost, while there are none."""

@@ -44,7 +44,7 @@ class Hull(FarContact):
 
     def touch(self, motion: Motion, pose: VehiclePose | None) -> HullTouch:
         axes, near = motion.flow_velocity.shape[-1], self.first_edge
-        gaps = self.distances(motion.position, axes, pose)
+        gaps = self.distances(motion.position, pose)
         _, _, window = self.nearest(motion, pose, gaps)
         forces = jax.vmap(lambda one, there: one.on_edge(there))(self.contact, window)
         force = jnp.sum(forces[..., :axes], axis=1)

@@ -60,8 +60,8 @@ class FarEdges(FarContact):
         """Largest number of pairs with a force."""
         return min(len(self.nodes), CANDIDATES * len(self.beyond))
 
-    def gaps(self, rows: Rows, axes: int, pose: VehiclePose | None) -> Float[Array, " pair"]:
-        nodes = rows[ROOT : ROOT + len(self.beyond) + 1, :axes]
+    def gaps(self, rows: Rows, pose: VehiclePose | None) -> Float[Array, " pair"]:
+        nodes = rows[ROOT : ROOT + len(self.beyond) + 1, :3]
         middle, edge = 0.5 * (nodes[1:] + nodes[:-1]), nodes[1:] - nodes[:-1]
         reach = 0.5 * jnp.sqrt(jnp.sum(edge**2, axis=1))
         one, other = self.edges.T
@@ -70,11 +70,11 @@ class FarEdges(FarContact):
         within = reach[one] + reach[other] + self.contact.between_axes
         bound = jnp.sqrt(apart + jnp.finfo(float).tiny) - within
         near = jnp.any(bound < self.contact.skin)
-        return jax.lax.cond(near, lambda: self.distances(rows, axes, pose), lambda: bound)
+        return jax.lax.cond(near, lambda: self.distances(rows, pose), lambda: bound)
 
     def touch(self, motion: Motion, pose: VehiclePose | None) -> SelfTouch:
         axes, count = motion.flow_velocity.shape[-1], len(self.beyond)
-        gaps = self.distances(motion.position, axes, pose)
+        gaps = self.distances(motion.position, pose)
         edges = jnp.asarray(self.edges)
         gap = jnp.full(count, jnp.inf).at[edges].min(gaps[:, None])
         contact, nodes, window = self.nearest(motion, pose, gaps)

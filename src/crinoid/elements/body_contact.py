@@ -106,7 +106,7 @@ class BodyContact(Contact):
         return apart + size(moved[1]) * size(self.end) + size(moved[3]) * size(self.half_axis)
 
     def gap(self, position: Float[Array, "4 b"], pose: Any) -> Float[Array, ""]:
-        """Return the distance from the end of the skin (m): ``skin`` where the surfaces meet."""
+        # from the end of the skin, which begins where the surfaces meet
         one, other = _bodies(pose, position, 0 * position)
         return self._between(one, other)[0]
 

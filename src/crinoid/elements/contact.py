@@ -49,8 +49,12 @@ class SoftSkin(Element):
         """Distance of the two axes where the surfaces meet (m)."""
 
     @abstractmethod
+    def gap(self, position: Float[Array, "k b"], pose: Any) -> Float[Array, ""]:
+        """Return the distance of the surfaces (m); ``pose`` is the memory of the window."""
+
+    @abstractmethod
     def travel(self, moved: Float[Array, "k b"]) -> Float[Array, ""]:
-        """Return the largest displacement of one relative to the other, from that of a window."""
+        """Return the largest displacement of one relative to the other, from that of its rows."""
 
     def press(self, gap: Float[Array, "*count"]) -> tuple[Array, Array]:
         """Return the potential (J) and the force (N) of the skin at a gap (m)."""
@@ -225,7 +229,6 @@ class Contact(SoftSkin):
         return travel + sum(size(self.half_axis) * size(turn) for turn in moved[3:])
 
     def gap(self, position: Float[Array, "k b"], pose: Any) -> Float[Array, ""]:
-        """Return the distance of the surfaces (m); ``pose`` is the memory."""
         half = self.half_axis
         if pose is not None:
             half = product(pose.attitude_at(position[3]), half)

@@ -235,7 +235,7 @@ class Element(eqx.Module):
         """
         return -self.residual(motion)
 
-    def prepared(self, memory: Any, step: Float[Array, " count"]) -> Any:
+    def prepared(self, memory: Any, step: Float[Array, "*count"]) -> Any:
         """Return ``motion.memory`` of a step from the memory at its start, of all windows.
 
         Once a step: for what does not depend on the motion in it.

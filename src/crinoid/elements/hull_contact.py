@@ -90,19 +90,17 @@ class HullContact(SoftSkin):
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
         return -self.forces(motion)
 
-    def gap(
-        self, position: Float[Array, "k b"], axes: int, pose: VehiclePose | None
-    ) -> Float[Array, ""]:
-        """Return the distance of the surfaces (m)."""
-        return self._closest(position[:2, :axes], self._points(position, axes, pose))[0]
+    def gap(self, position: Float[Array, "k b"], pose: VehiclePose | None) -> Float[Array, ""]:
+        return self._closest(position[:2, :3], self._points(position, pose))[0]
 
     def _points(
-        self, position: Float[Array, "k b"], axes: int, pose: VehiclePose | None
+        self, position: Float[Array, "k b"], pose: VehiclePose | None
     ) -> Float[Array, "2 d"]:
         """Return both points of the hull's axis (m)."""
+        places = position[:, :3]
         if self.axis is None or pose is None:
-            return position[2:4, :axes]
-        return position[4, :axes] + product(self.axis, pose.attitude_at(position[5]).T)
+            return places[2:4]
+        return places[4] + product(self.axis, pose.attitude_at(position[5]).T)
 
     def _moving(self, motion: Motion) -> Float[Array, "2 b"]:
         """Return the velocities of these points; in space also the spin about the axis."""
@@ -121,7 +119,7 @@ class HullContact(SoftSkin):
         """Return the forces on the two nodes (N); in space also the torque about the edge (N m)."""
         axes = motion.flow_velocity.shape[-1]
         ends, moving = motion.position[:2, :axes], self._moving(motion)
-        axis = self._points(motion.position, axes, motion.memory)
+        axis = self._points(motion.position, motion.memory)
         gap, slopes, share, outward = self._closest(ends, axis)
         lever = -self.arm_radius * outward
         point = ends[0] + share * (ends[1] - ends[0]) + lever

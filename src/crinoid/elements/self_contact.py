@@ -1,6 +1,6 @@
 """Contact of the arm with itself: pairs of edges that are far from each other along the arm."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -63,9 +63,8 @@ class SelfContact(SoftSkin):
     def residual(self, motion: Motion) -> Float[Array, "4 b"]:
         return -self.forces(motion)
 
-    def gap(self, position: Float[Array, "4 b"], axes: int, pose: None) -> Float[Array, ""]:
-        """Return the distance of the surfaces (m)."""
-        distance, _, _, _ = _closest(position[:, :axes])
+    def gap(self, position: Float[Array, "4 b"], pose: Any) -> Float[Array, ""]:
+        distance, _, _, _ = _closest(position[:, :3])
         return distance - self.between_axes
 
     def forces(self, motion: Motion) -> Float[Array, "4 b"]:

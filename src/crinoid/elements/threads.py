@@ -75,7 +75,7 @@ class Threads(Linearised):
     cover: Float[Array, "*count lane thread"] | None = None
     """Share of the node that each thread covers in each lane, to sum along the threads."""
 
-    def prepared(self, memory: Sliding, step: Float[Array, " count"]) -> Rubbing:
+    def prepared(self, memory: Sliding, step: Float[Array, "*count"]) -> Rubbing:
         assert self.cover is not None
         assert self.friction is not None
         cover = self.cover

@@ -95,7 +95,7 @@ class Vortices(Element):
             jax.tree.map(each, oscillator),
         )
 
-    def prepared(self, memory: Any, step: Float[Array, " count"]) -> "Shedding":
+    def prepared(self, memory: Any, step: Float[Array, "*count"]) -> "Shedding":
         return Shedding(memory, self.oscillator.signal(memory, step[..., None]))
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:

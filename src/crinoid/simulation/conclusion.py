@@ -194,11 +194,11 @@ def nearest_pair(system: System, state: State) -> str:
     """Describe the smallest distance of two surfaces: of arm, obstacles and hull."""
     gaps = [] if state.gap is None else np.min(np.asarray(state.gap), axis=1).tolist()
     found = [(gap, f"obstacle {index}", "the arm") for index, gap in enumerate(gaps)]
-    rows, axes = state.motion.position, system.forces.axes
+    rows = state.motion.position
     forces = ActingForces.of(system.forces, state.context)
     for each in forces.far_contacts:
         other = "the hull" if isinstance(each, Hull) else "itself"
-        found.append((float(jnp.min(each.distances(rows, axes, forces.heading))), "the arm", other))
+        found.append((float(jnp.min(each.distances(rows, forces.heading))), "the arm", other))
     bodies = None if system.forces.obstacles is None else system.forces.obstacles.bodies
     if bodies is not None and state.body_gap is not None:
         apart = np.asarray(state.body_gap) - np.asarray(bodies.skin)
