@@ -53,7 +53,7 @@ def runs_in_memory(scenario: Scenario) -> int:
 
 
 def _runs(scenario: Scenario) -> int:
-    return 1 + (scenario.control.kind != "none" and scenario.control.compare)
+    return 1 + scenario.control.compared
 
 
 def _bytes(scenario: Scenario, *, large: bool) -> float:
@@ -75,7 +75,7 @@ def _bytes(scenario: Scenario, *, large: bool) -> float:
         "vortices": scenario.water.vortices,
         "self": scenario.contact.self_,
         "hull": scenario.hull,
-        "estimate": scenario.control.observes,
+        "estimate": scenario.control.settings.observes,
     }
     without = [name for name, found in parts.items() if not found]
     there = of_dimension(dimension, without=without).values()
