@@ -93,12 +93,8 @@ class Control(Model):
     @property
     def settings(self) -> ControllerTable:
         """The chosen kind, with its settings."""
-        apart = {
-            "none": controller.Idle(),
-            "sequence": controller.Sequence(phases=self.sequence),
-            "custom": ControllerTable(),
-        }
-        return apart.get(self.kind) or getattr(self, self.kind)
+        apart = {"none": controller.Idle(), "sequence": controller.Sequence(phases=self.sequence)}
+        return apart.get(self.kind) or getattr(self, self.kind, ControllerTable())  # of custom
 
     @property
     def acts(self) -> bool:
