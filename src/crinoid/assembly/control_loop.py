@@ -195,9 +195,8 @@ def build_controller(plan: AssembledScenario, parts: Parts | None = None) -> Con
     given = None if parts is None else parts.controller
     if isinstance(given, Controller):
         return given
-    if given is not None:
-        return build_part("controller", Controller, given, plan)
-    return build_part("controller", Controller, plan.scenario.control.settings.build, plan)
+    build = given or plan.scenario.control.settings.build
+    return build_part("controller", Controller, build, plan)
 
 
 def build_feed_forward(plan: AssembledScenario) -> FeedForward | None:
@@ -216,12 +215,11 @@ def build_pid(plan: AssembledScenario) -> Pid:
     """Return the PID controller of a scenario."""
     scenario, weights = plan.scenario, _weights(plan.scenario)
     mapping = plan.mapping(scenario.driven, weights)
-    times = {name: gains.return_time for name, gains in scenario.control.gains.items()}
     # of what goes back between two commands, the rate that makes it exact for any time
     release = {
-        name: -np.expm1(-plan.period / time) / plan.period
-        for name, time in times.items()
-        if time is not None
+        name: -np.expm1(-plan.period / gains.return_time) / plan.period
+        for name, gains in scenario.control.gains.items()
+        if gains.return_time is not None
     }
     allocation = plan.allocation(scenario.driven, weights, release)
     if allocation is None:
