@@ -94,7 +94,8 @@ class Control(Model):
     def settings(self) -> ControllerTable:
         """The chosen kind, with its settings."""
         apart = {"none": controller.Idle(), "sequence": controller.Sequence(phases=self.sequence)}
-        return apart.get(self.kind) or getattr(self, self.kind, ControllerTable())  # of custom
+        # a custom one has no table
+        return apart.get(self.kind, getattr(self, self.kind, ControllerTable()))
 
     @property
     def acts(self) -> bool:
