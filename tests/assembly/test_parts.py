@@ -1,5 +1,6 @@
 """Parts of a user's own in `crinoid.simulate`: what goes wrong with them is told."""
 
+import re
 from dataclasses import replace
 from typing import ClassVar
 
@@ -14,7 +15,10 @@ from crinoid.assembly.control_loop import build_sensors
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Reason
+from crinoid.scenario.kinds import installed
 from helpers.arms import arm
+from helpers.paths import ROOT
+from helpers.refusals import mistake
 
 SCENARIO = crinoid.Scenario(
     arm={"nodes": 4},
@@ -123,3 +127,88 @@ def test_two_sensors_of_one_name_are_refused(name):
     (_, sensor) = build_sensors(watched)
     with pytest.raises(ValueError, match=f"two sensors are called {name}"):
         crinoid.simulate(watched, sensors=[replace(sensor, name=name)])
+
+
+HOLD = """
+import jax
+import jax.numpy as jnp
+
+import crinoid
+from crinoid.tables import ControllerTable, Metres, Mistake, got
+
+
+class Hold(crinoid.Controller):
+    held: jax.Array
+
+    def start(self, seen):
+        return None
+
+    def command(self, memory, seen):
+        return self.held, None
+
+
+class HoldTable(ControllerTable):
+    height: Metres = 0.05
+    observes = feeds_forward = False
+
+    def drives(self, inputs):
+        return tuple(name for name in inputs if name == "heave")
+
+    def conflicts(self, scenario):
+        if not scenario.driven:
+            yield Mistake("control.kind", got("hold", "have base.channels.heave"))
+
+    def build(self, plan):
+        names = [each.name for each in plan.inputs]
+        return Hold(jnp.array([self.height * (name in plan.scenario.driven) for name in names]))
+"""
+HELD = """
+arm.nodes = 4
+base.channels = {slide = {}, heave = {}}
+target = {path = "line", velocity = [0.01, 0.0]}
+control = {kind = "hold", compare = false, hold = {height = 0.02}}
+simulation.duration = 0.6
+"""
+
+
+def test_a_controller_of_a_package_is_one_file_and_one_row(tmp_path, monkeypatch):
+    package = tmp_path / "holding-1.dist-info"
+    package.mkdir()
+    (tmp_path / "holding.py").write_text(HOLD)
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: holding\nVersion: 1\n")
+    (package / "entry_points.txt").write_text("[crinoid.controllers]\nhold = holding:HoldTable\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    installed.cache_clear()
+    try:
+        file = tmp_path / "held.toml"
+        file.write_text(HELD)
+        scenario = crinoid.load(file)
+        assert scenario.driven == ("heave",)
+        assert crinoid.Scenario.from_toml(scenario.to_toml()) == scenario
+        for setting, line in {
+            "base.channels={slide={}}": 'kind: got "hold"; must have base.channels.heave',
+            "control.hold.height='high'": 'hold.height: got "high"; must be a number (m)',
+        }.items():
+            assert mistake(crinoid.load, file, [setting]) == f"control.{line}"
+        # without an observer it has no estimate to save
+        line = mistake(crinoid.load, file, ["output.variables=['estimated_position']"])
+        assert line.startswith("output.variables.0")
+        servo = crinoid.simulate(scenario).dataset["base_servo"].isel(time=-1)
+        # the target moves, but this kind adds no feed-forward
+        assert float(servo.sel(channel="slide")) == 0.0
+        assert float(servo.sel(channel="heave")) == pytest.approx(0.02, abs=1e-4)
+    finally:
+        installed.cache_clear()
+
+
+def test_kinds_of_controllers_are_compared_only_where_they_are_declared():
+    known = {"scenario/control.py", "scenario/controller.py"}
+    compared = re.compile(r"match .*control\.kind\b|control\.kind\s*(==|!=|in\b|not in\b)")
+    source = ROOT / "src" / "crinoid"
+    others = [
+        name
+        for file in sorted(source.rglob("*.py"))
+        if (name := file.relative_to(source).as_posix()) not in known
+        and compared.search(file.read_text())
+    ]
+    assert not others

@@ -398,6 +398,18 @@ def test_the_dimension_may_be_set_and_varied(path):
         assert cases == [Scenario.from_toml(case.to_toml()) for case in cases]
 
 
+def test_a_controller_can_be_switched_off_with_its_feed_forward():
+    controlled = Scenario(
+        base={"channels": {"slide": {}}},
+        control={"kind": "pid", "pid": {"slide": {"kp": 1.0}}},
+        target={"path": "line", "velocity": [0.01, 0.0], "feed_forward": True},
+    )
+    assert controlled.driven == ("slide",)
+    idle = controlled.with_values(controlled.idle_values)
+    assert (idle.control.acts, idle.driven, idle.control.gains) == (False, (), {})
+    assert idle.control.pid == controlled.control.pid
+
+
 def test_schema_describes_every_key():
     schema = json_schema()
     text = json.dumps(schema)

@@ -134,14 +134,14 @@ class LinearPlant(NamedTuple):
 
 def linear_loop(prepared: Prepared) -> LinearLoop:
     """Return the loop of a scenario about the state in which its arm starts."""
-    kind = prepared.scenario.control.kind
-    if kind == "none":
+    control = prepared.scenario.control
+    if not control.acts:
         raise ScenarioError.of("control.kind", got("none", 'be a controller, such as "pid"'))
     setup = set_up(prepared)
     plant = LinearPlant.of(setup)
     controller = linear_controller(setup.loop, setup.state, plant.period)
     if not all(np.isfinite(part).all() for part in controller):
-        text = got(kind, "be a controller with derivatives where the arm is at rest")
+        text = got(control.kind, "be a controller with derivatives where the arm is at rest")
         raise ScenarioError.of("control.kind", text)
     return plant.closed(controller)
 

@@ -77,10 +77,7 @@ def linearise(scenario: Source, *, order: int | None = None) -> StateSpaceModel:
 def find_state_space(prepared: Prepared) -> StateSpaceModel:
     """Return the full model of a scenario."""
     require_one_case(prepared.scenario)
-    idle: dict[str, object] = {"control.kind": "none"}
-    if prepared.scenario.target.feed_forward:
-        idle["target.feed_forward"] = False
-    prepared = prepared.with_scenario(prepared.scenario.with_values(idle))
+    prepared = prepared.with_scenario(prepared.scenario.with_values(prepared.scenario.idle_values))
     setup = set_up(prepared, notes=False)
     loop, system = setup.loop, setup.loop.system
     current = next(iter(prepared.facts.waters.values()))

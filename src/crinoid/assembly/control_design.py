@@ -21,7 +21,7 @@ from crinoid.assembly.observer_outputs import tangent
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Shape, damped_inverse
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
-from crinoid.scenario.control import ModelBased
+from crinoid.scenario.controller import ModelBased
 from crinoid.scenario.errors import shown
 
 PerInput = Float[np.ndarray, " u"]
@@ -72,7 +72,7 @@ def observer_model(
 
 def inputs_of(scenario: Scenario, settings: ModelBased, kind: str) -> tuple[str, ...]:
     """Return the inputs of a controller of a kind, or refuse one that the arm does not have."""
-    there = (*scenario.base.channels.present, *scenario.thread_names)
+    there = scenario.inputs
     if missing := [name for name in settings.inputs or () if name not in there]:
         text = f"got {shown(missing[0])}; must be among {one_of(there, 'and')}"
         raise ScenarioError([Mistake(f"control.{kind}.inputs", text)])
@@ -156,7 +156,7 @@ class ControlDesignModel(NamedTuple):
             half_range[rows],
             speed[rows],
             acceleration[rows],
-            scenario.smoothness_of(settings),
+            settings.smoothness_in(scenario),
             integrating,
             model.usual[:, None] * damped_inverse(jacobian) @ integrating,
             spare.T @ spare,

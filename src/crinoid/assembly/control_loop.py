@@ -13,17 +13,11 @@ from jaxtyping import Array, Float
 from crinoid.actuation import Actuator
 from crinoid.assembly.arrays import array
 from crinoid.assembly.door import build_part
-from crinoid.assembly.hybrid import build_hybrid
-from crinoid.assembly.neural import build_neural
-from crinoid.assembly.optimal_control import build_lqg, design_mpc
 from crinoid.assembly.plan import AssembledScenario, Parts
-from crinoid.assembly.scheduled import build_scheduled
-from crinoid.assembly.sequence import build_sequence
 from crinoid.control import (
     Clock,
     Controller,
     FeedForward,
-    Idle,
     Line,
     Measurand,
     Orbit,
@@ -201,37 +195,14 @@ def build_controller(plan: AssembledScenario, parts: Parts | None = None) -> Con
     given = None if parts is None else parts.controller
     if isinstance(given, Controller):
         return given
-    if given is not None:
-        return build_part("controller", Controller, given, plan)
-    match plan.scenario.control.kind:
-        case "none":
-            return Idle()
-        case "pid":
-            return _pid(plan)
-        case "lqg":
-            return build_lqg(plan)
-        case "hybrid":
-            return build_hybrid(plan)
-        case "mpc" if plan.scenario.control.mpc.model == "scheduled":
-            return build_scheduled(plan)
-        case "mpc":
-            return design_mpc(plan)[0]
-        case "neural":
-            return build_neural(plan)
-        case "sequence":
-            return build_sequence(plan)
-        case "custom":
-            text = 'got "custom", which requires a controller. Pass one to crinoid.simulate.'
-            raise ScenarioError([Mistake("control.kind", text)])
-        case _:
-            return build_part("controller", Controller, plan.scenario.control.settings.build, plan)
+    build = given or plan.scenario.control.settings.build
+    return build_part("controller", Controller, build, plan)
 
 
 def build_feed_forward(plan: AssembledScenario) -> FeedForward | None:
     """Return the feed-forward of a moving target, if the scenario asks for it."""
     scenario = plan.scenario
-    # a network observes the target itself, and a sequence ignores it
-    if scenario.control.kind in ("none", "neural", "sequence") or not scenario.target.feeds_forward:
+    if not (scenario.control.settings.feeds_forward and scenario.target.feeds_forward):
         return None
     return FeedForward(
         array(plan.mapping(scenario.driven, _weights(scenario))),
@@ -240,15 +211,15 @@ def build_feed_forward(plan: AssembledScenario) -> FeedForward | None:
     )
 
 
-def _pid(plan: AssembledScenario) -> Pid:
+def build_pid(plan: AssembledScenario) -> Pid:
+    """Return the PID controller of a scenario."""
     scenario, weights = plan.scenario, _weights(plan.scenario)
     mapping = plan.mapping(scenario.driven, weights)
-    times = {name: gains.return_time for name, gains in scenario.control.pid.present.items()}
     # of what goes back between two commands, the rate that makes it exact for any time
     release = {
-        name: -np.expm1(-plan.period / time) / plan.period
-        for name, time in times.items()
-        if time is not None
+        name: -np.expm1(-plan.period / gains.return_time) / plan.period
+        for name, gains in scenario.control.gains.items()
+        if gains.return_time is not None
     }
     allocation = plan.allocation(scenario.driven, weights, release)
     if allocation is None:
@@ -270,7 +241,7 @@ def _check_alone(scenario: Scenario) -> None:
     text += "than the controlled coordinates need"
     mistakes = [
         Mistake(f"control.pid.{name}.{key}", text.format(value))
-        for name, gains in scenario.control.pid.present.items()
+        for name, gains in scenario.control.gains.items()
         for key, value, none in (
             ("weight", gains.weight, 1.0),
             ("return_time", gains.return_time, None),
@@ -282,9 +253,7 @@ def _check_alone(scenario: Scenario) -> None:
 
 
 def _weights(scenario: Scenario) -> dict[str, float]:
-    if scenario.control.kind != "pid":
-        return {}
-    return {name: gains.weight for name, gains in scenario.control.pid.present.items()}
+    return {name: gains.weight for name, gains in scenario.control.gains.items()}
 
 
 _SLOW = 1e-6

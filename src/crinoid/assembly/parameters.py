@@ -229,14 +229,14 @@ class PidParameters(eqx.Module):
     @staticmethod
     def of(scenario: Scenario) -> PidParameters:
         """Return the gains of a controller."""
-        names = scenario.driven if scenario.control.kind == "pid" else ()
+        gains = scenario.control.gains
+        driven = {name: gains[name] for name in scenario.driven if name in gains}
         rows = [
-            (gains.kp, gains.ki, gains.kd, 0.5 / (np.pi * gains.derivative_filter_hz))
-            for gains in map(scenario.control.pid.present.get, names)
-            if gains is not None
+            (each.kp, each.ki, each.kd, 0.5 / (np.pi * each.derivative_filter_hz))
+            for each in driven.values()
         ]
         kp, ki, kd, filter_time = map(array, np.array(rows).reshape(-1, 4).T)
-        return PidParameters(kp, ki, kd, filter_time, names)
+        return PidParameters(kp, ki, kd, filter_time, tuple(driven))
 
 
 class SimulationParameters(eqx.Module):

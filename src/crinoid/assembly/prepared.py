@@ -202,14 +202,9 @@ def require_one_case(scenario: Scenario) -> None:
 
 def at_rest(scenario: Scenario) -> Scenario:
     """Return the scenario of the result of `equilibrium`."""
-    still: dict[str, object] = {
-        "simulation.start": "equilibrium",
-        "control.kind": "none",
-        "output.variables": None,  # of one instant all are saved
-    }
-    if scenario.target.feed_forward:
-        still["target.feed_forward"] = False
-    return scenario.with_values(still)
+    # of one instant all are saved
+    still = {"simulation.start": "equilibrium", "output.variables": None}
+    return scenario.with_values(scenario.idle_values | still)
 
 
 def _require_text(scenario: Scenario) -> None:

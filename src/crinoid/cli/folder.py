@@ -193,8 +193,7 @@ def place_for(folder: Path, scenario: Scenario) -> Path:
     Next to a finished result of the same scenario it is a new one: a run that fails or is
     interrupted does not replace such a result.
     """
-    compare = scenario.control.kind != "none" and scenario.control.compare
-    for name in (RESULT, UNCONTROLLED) if compare else (RESULT,):
+    for name in (RESULT, UNCONTROLLED) if scenario.control.compared else (RESULT,):
         found = attributes(folder / name)
         if Status.of(found.get("status")) is not Status.OK or not _same(found, scenario):
             return folder

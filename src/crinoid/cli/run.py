@@ -146,7 +146,7 @@ def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
 def is_complete(earlier: Result, scenario: Scenario) -> bool:
     """Return whether an earlier result has all runs of a scenario up to their end."""
     runs = [earlier]
-    if scenario.control.kind != "none" and scenario.control.compare:
+    if scenario.control.compared:
         if earlier.uncontrolled is None:
             return False
         runs.append(earlier.uncontrolled)

@@ -306,5 +306,5 @@ def _play(plan: SweepDesign, seconds: float) -> float:
         ends[progress.label] = progress.time
 
     play(Prepared(case), report=report, stop=lambda: time.perf_counter() > end, steps=plan.steps)
-    stages = 2 if case.control.kind != "none" and case.control.compare else 1
+    stages = 1 + case.control.compared
     return max(sum(ends.values()), case.simulation.time_step) / (stages * case.simulation.duration)

@@ -67,7 +67,7 @@ def _notes(search: Tuning) -> list[str]:
         elif search.random:
             notes.append("the tuned controller costs more in other draws: use more --seeds")
     if error > _LITTLE * free:
-        other = 'control.kind = "lqg"' if search.scenario.control.kind == "pid" else "another kind"
+        other = 'control.kind = "lqg"' if search.scenario.control.gains else "another kind"
         notes.append(
             "the tuned controller hardly holds the tip better than none. Run tuned.toml and read "
             f"its notes, drive other inputs, or try {other}."

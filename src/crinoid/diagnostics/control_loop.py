@@ -139,7 +139,7 @@ def limit_cycle(result: Result) -> LimitCycle | None:
     scenario = result.scenario
     which = np.flatnonzero(controlled(result))
     which = which[which.size // 2 :]
-    if scenario.control.kind == "none" or which.size < 4 * _CYCLES:
+    if not scenario.control.acts or which.size < 4 * _CYCLES:
         return None
     if result.uncontrolled is None and _driven(scenario):
         return None
@@ -199,7 +199,7 @@ def comparison(result: Result) -> tuple[float, float] | None:
 def loop_notes(result: Result) -> list[str]:
     """Return the notes on the loop of a run, a sentence each; none without feedback of the tip."""
     scenario = result.scenario
-    if scenario.control.kind in ("none", "sequence"):
+    if not scenario.control.settings.feeds_back:
         return []
     found = []
     for name, met in limit_shares(result).items():
@@ -226,7 +226,7 @@ def loop_notes(result: Result) -> list[str]:
         hint = '. Try control.kind = "lqg", other inputs, or crinoid tune.'
         found.append(
             f"control increases the tip's error: {1e3 * compared[0]:.3g} mm RMS with control, "
-            f"{1e3 * compared[1]:.3g} mm without{hint if scenario.control.kind == 'pid' else ''}"
+            f"{1e3 * compared[1]:.3g} mm without{hint if scenario.control.gains else ''}"
         )
     return found
 

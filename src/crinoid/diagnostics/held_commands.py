@@ -53,7 +53,7 @@ def held_commands_note(dataset: xr.Dataset, system: System, facts: Facts) -> str
     scenario, step = facts.scenario, facts.scenario.simulation.time_step
     period = 1 / scenario.control_rate_hz
     fine = step * _RESOLVED <= period * (1 + 1e-9)
-    if fine or scenario.control.kind == "none" or dataset.sizes["time"] < 2:
+    if fine or not scenario.control.acts or dataset.sizes["time"] < 2:
         return ""
     rate, length = 2 * math.pi / period, facts.length
     stiffer = abs(facts.modulus(rate))

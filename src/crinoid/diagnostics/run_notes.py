@@ -99,7 +99,7 @@ def _accumulated(dataset: xr.Dataset, facts: Facts) -> str:
     tip = dataset["tip_position"].transpose("time", "axis").values
     moved = float(np.linalg.norm(tip - tip[0], axis=1).max())
     dragged = scenario.base.mount == "pinned" and scenario.water.density > _AIR
-    driven = scenario.control.kind != "none" or scenario.obstacle
+    driven = scenario.control.acts or scenario.obstacle
     if dragged or driven or moved < 1e-6 * scenario.arm.length:
         return ""
     simulation, rate = scenario.simulation, 2 * np.pi * facts.frequencies[0]

@@ -140,11 +140,10 @@ def _require_whole(plan: AssembledScenario, tip: Readings | None) -> None:
 
 def _plan(prepared: Prepared) -> AssembledScenario:
     """Return the plan of a scenario about the state in which its arm starts, without control."""
-    values: dict[str, object] = {"control.kind": "none", "output.variables": None}
-    if prepared.scenario.target.feed_forward:
-        values["target.feed_forward"] = False
-    still = prepared.with_scenario(prepared.scenario.with_values(values))
-    setup = set_up(still, notes=False)
+    still = prepared.scenario.with_values(
+        prepared.scenario.idle_values | {"output.variables": None}
+    )
+    setup = set_up(prepared.with_scenario(still), notes=False)
     if not setup.outcome.converged:
         text = got("equilibrium", 'be "rest" where the arm has no equilibrium')
         raise ScenarioError.of("simulation.start", text)

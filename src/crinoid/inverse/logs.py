@@ -52,7 +52,7 @@ class Commands(NamedTuple):
 def commands_of(result: Result, inputs: Sequence[Input]) -> Commands | None:
     """Return the commands in a result, each from its time step on; None without control."""
     data, step = result.dataset, result.scenario.simulation.time_step
-    if result.scenario.control.kind == "none":
+    if not result.scenario.control.acts:
         return None
     rows = _by_name(data, "base_command", "channel")
     if "actuator_command" in data:

@@ -152,7 +152,7 @@ class Optimisation:
             self._look_at_given()
         elif self.margin is None:
             return False
-        if self.scenario.control.kind != "none" and self.scenario.control.compare:
+        if self.scenario.control.compared:
             self.runs.settings["control.compare"] = False
             (alone,) = self.runs([self.scenario])
             if not np.array_equal(alone[:, : len(self.seeds)], self.given, equal_nan=True):

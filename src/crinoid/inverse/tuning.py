@@ -17,8 +17,8 @@ from crinoid.inverse.ranges import Ranges
 from crinoid.inverse.stability import StabilityMargin
 from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import described
-from crinoid.scenario import Scenario, ScenarioError, one_of
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario, ScenarioError, got, refusal
+from crinoid.scenario.controller import ModelBased
 
 __all__ = ["Tuning", "tunable_numbers"]
 
@@ -31,10 +31,9 @@ COST = "control_cost"
 """The measure that tuning minimises."""
 MARGINS = {"modulus": "1", "gain": "1", "phase": "rad", "delay": "s"}
 """Margins of a loop (`crinoid.simulation.loop_margin.Margin`), and their units."""
+GAINS = ("kp", "ki", "kd")
 HELD_OUT = ("before", "after", "uncontrolled")
 """Controllers that held-out draws compare."""
-GAINS = ("kp", "ki", "kd")
-KINDS = ("pid", "lqg", "mpc")
 
 
 class Tuning(Optimisation):
@@ -89,9 +88,8 @@ class Tuning(Optimisation):
         seeds = [each + len(self.seeds) for each in self.seeds]
         runs = TrialRuns(goal, seeds, self._stop, rest=False)
         runs.settings["control.compare"] = False
-        off = self.scenario.with_values({"control.kind": "none"})
-        tuned = self.scenario.with_values(self.numbers())
-        self.held_out = runs([self.scenario, tuned, off])
+        others = (self.numbers(), self.scenario.idle_values)
+        self.held_out = runs([self.scenario, *map(self.scenario.with_values, others)])
 
     def dataset(self, status: str) -> xr.Dataset:
         """Return the course of the search, the margins, and what held-out draws give."""
@@ -114,23 +112,21 @@ class Tuning(Optimisation):
 
 def tunable_numbers(scenario: Scenario) -> dict[str, float]:
     """Return the numbers that tuning varies, by key, at their present values."""
-    kind = scenario.control.kind
-    if kind not in KINDS:
-        text = got(kind, f"be {one_of(KINDS)}", "Other controllers have nothing to tune.")
-        raise ScenarioError.of("control.kind", text)
-    if kind == "pid":
+    control, settings = scenario.control, scenario.control.settings
+    if control.gains:
         found = {
             f"control.pid.{name}.{gain}": float(value)
             for name in scenario.driven
             for gain in GAINS
-            if (value := getattr(scenario.control.pid.present[name], gain))
+            if (value := getattr(control.gains[name], gain))
         }
         if not found:
-            text = "has no gains to tune. Set initial gains other than 0."
-            raise ScenarioError.of("control.pid", text)
+            raise refusal("control.pid", "has no gains to tune. Set initial gains other than 0.")
         return found
-    settings = scenario.control.settings
+    if not isinstance(settings, ModelBased):
+        must, hint = 'be "pid", "lqg" or "mpc"', "Other controllers have nothing to tune."
+        raise refusal("control.kind", got(control.kind, must, hint))
     return {
-        f"control.{kind}.smoothness": scenario.smoothness_of(settings),
-        f"control.{kind}.integral_time": settings.integral_time,
+        f"control.{control.kind}.smoothness": settings.smoothness_in(scenario),
+        f"control.{control.kind}.integral_time": settings.integral_time,
     }

@@ -59,7 +59,7 @@ class StageCost(eqx.Module):
         """Return the stage cost of a scenario."""
         scenario, rows = plan.scenario, np.array(observables.driven)
         columns, scale = plan.controlled
-        error_scale = scenario.smoothness_of(scenario.control.lqg)
+        error_scale = scenario.control.lqg.smoothness_in(scenario)
         error = np.zeros(plan.sensors[0].noise.shape[0])
         error[columns] = scale / error_scale
         speed, effort = np.zeros((2, len(plan.inputs)))

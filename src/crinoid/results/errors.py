@@ -146,7 +146,7 @@ def deflection(result: Result) -> float | None:
     """
     if result.uncontrolled is not None:
         return tip_error(result.uncontrolled).steady
-    return tip_error(result).steady if result.scenario.control.kind == "none" else None
+    return None if result.scenario.control.acts else tip_error(result).steady
 
 
 def rms(values: Float[np.ndarray, " time"]) -> float:

@@ -69,8 +69,8 @@ def summary(result: Result) -> RunSummary:
         table.add_far_contacts()
         table.add_own()
         table.add_solver()
-    controlled = result.scenario.control.kind != "none"
-    heads = ["", "controlled" if controlled else "value", "uncontrolled", "ratio"]
+    value = "controlled" if result.scenario.control.acts else "value"
+    heads = ["", value, "uncontrolled", "ratio"]
     return RunSummary(heads[: 2 if len(table.runs) == 1 else 4], table.rows)
 
 
@@ -129,7 +129,7 @@ class _Table(NamedTuple):
             within = f"{word} within {length_unit(tolerance).text(tolerance)}"
             self.add_measure("within_tolerance", within)
         turns = {"angle", "direction"} & set(scenario.control.controlled)
-        if scenario.control.kind != "none" and turns:
+        if scenario.control.acts and turns:
             self._add_errors("angle error", "errors:angle_error", DEGREES, _NOTHING)
 
     def found(self, function: str) -> list[Any]:

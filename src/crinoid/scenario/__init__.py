@@ -15,8 +15,8 @@ from crinoid.scenario.base_motion import ChannelName as ChannelName
 from crinoid.scenario.base_motion import FileMotion as FileMotion
 from crinoid.scenario.base_motion import TableMotion as TableMotion
 from crinoid.scenario.control import Coordinate as Coordinate
-from crinoid.scenario.control import Pid as Pid
-from crinoid.scenario.control import PidGains as PidGains
+from crinoid.scenario.controller import Pid as Pid
+from crinoid.scenario.controller import PidGains as PidGains
 from crinoid.scenario.errors import Mistake as Mistake
 from crinoid.scenario.errors import ScenarioError as ScenarioError
 from crinoid.scenario.errors import counted as counted

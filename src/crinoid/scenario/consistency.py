@@ -15,7 +15,7 @@ from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
 from crinoid.scenario.flow import GaussMarkovFlow, MeasuredFlow, ShearFlow, SurfaceWaves
 from crinoid.scenario.obstacle import Capsule, Cylinder
-from crinoid.scenario.sensor import inclination_sensor, sensor_conflicts
+from crinoid.scenario.sensor import sensor_conflicts
 from crinoid.scenario.simulation import whole_conflicts
 from crinoid.scenario.tool import tool_conflicts
 
@@ -169,13 +169,10 @@ def _vehicle_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 
 def _channel_conflicts(scenario: Scenario) -> Iterator[Mistake]:
-    """Yield gains of inputs that do not exist, and a controller without any input."""
-    control = scenario.control
-    if control.kind in ("lqg", "mpc") and not (scenario.driven or scenario.actuator):
-        yield scenario.mistake("control.kind", "have an input", "Add base.channels.slide.")
+    """Yield gains of inputs that do not exist."""
     channels, threads = CHANNELS[scenario.arm.dimension], scenario.thread_names
-    names = (*scenario.base.channels.present, *threads)
-    for name, gains in control.pid.present.items():
+    names = scenario.inputs
+    for name, gains in scenario.control.pid.present.items():
         key = f"control.pid.{name}"
         if name in channels and name not in names:
             text = got(gains, "drive an existing channel", f"Add a table base.channels.{name}.")
@@ -188,9 +185,6 @@ def _channel_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 def _control_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield coordinates that the tip does not have, and keys that the controller does not use."""
     control, dimension = scenario.control, scenario.arm.dimension
-    if scenario.target.feed_forward and control.kind == "none":
-        must = 'be left out with control.kind = "none"'
-        yield scenario.mistake("target.feed_forward", must, 'Set control.kind = "pid".')
     in_space = " with arm.dimension = 3" if dimension == 3 else ""
     for index, name in enumerate(control.controlled):
         if name not in COORDINATES[dimension]:
@@ -223,44 +217,6 @@ def _target_conflicts(scenario: Scenario) -> Iterator[Mistake]:
         yield scenario.mistake(
             "target.judged_from", f"be below simulation.duration = {duration} (s)"
         )
-
-
-def _hybrid_conflicts(scenario: Scenario) -> Iterator[Mistake]:
-    """Yield what a hybrid controller, where one is chosen, cannot use."""
-    control, arm, base = scenario.control, scenario.arm, scenario.base
-    if control.kind != "hybrid":
-        return
-    hybrid = 'with control.kind = "hybrid"'
-    if arm.dimension == 3:
-        yield scenario.mistake("arm.dimension", f"be 2 {hybrid}")
-        return
-    if base.channels.slide is None:
-        yield Mistake("base.channels.slide", missing(f"be a table {hybrid}"))
-    elif 0 in base.channels.slide.range:
-        yield scenario.mistake("base.channels.slide.range", f"reach to both sides of 0 {hybrid}")
-    if base.mount != "clamped":
-        yield scenario.mistake("base.mount", f'be "clamped" {hybrid}')
-    if not math.isclose(base.tilt_deg, 90.0):
-        yield scenario.mistake("base.tilt_deg", f"be 90 {hybrid}, for an upright arm")
-    if arm.rest_curvature != 0.0:
-        yield scenario.mistake("arm.rest_curvature", f"be 0 {hybrid}")
-    for name in ("vehicle", "tool", "chamber", "tendon"):
-        if getattr(scenario, name):
-            yield scenario.mistake(name, f"be left out {hybrid}")
-    sensor = inclination_sensor(scenario.sensors)
-    if sensor is None:
-        yield Mistake("sensors", missing(f'have an entry with kind = "inclination" {hybrid}'))
-        return
-    key, modes = f"sensors.{scenario.sensors.index(sensor)}", control.hybrid.modes
-    if len(sensor.stations) < modes:
-        must = f"have at least control.hybrid.modes = {modes} entries"
-        yield scenario.mistake(f"{key}.stations", must)
-    if modes >= arm.nodes:
-        yield scenario.mistake("control.hybrid.modes", f"be below arm.nodes = {arm.nodes}")
-    rate, commands = scenario.rate_hz(sensor.rate_hz), scenario.control_rate_hz
-    if rate < commands * (1 - 1e-9):
-        must = f"be at least control.rate_hz = {commands:g} (Hz) {hybrid}"
-        yield Mistake(f"{key}.rate_hz", got(rate, must))
 
 
 def _rate_conflicts(scenario: Scenario) -> Iterator[Mistake]:
@@ -311,7 +267,7 @@ def _output_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     simulation, dimension = scenario.simulation, scenario.arm.dimension
     for index, name in enumerate(scenario.output.variables or ()):
         without = {"vortices"} if scenario.water.vortices is None else set()
-        without |= set() if scenario.control.observes else {"estimate"}
+        without |= set() if scenario.control.settings.observes else {"estimate"}
         without |= set() if scenario.contact.self_ else {"self"}
         without |= {"hull"} if scenario.hull is None else set()
         if name not in of_dimension(dimension, without=without):
@@ -339,7 +295,7 @@ RULES: tuple[Callable[[Scenario], Iterator[Mistake]], ...] = (
     _channel_conflicts,
     _control_conflicts,
     _target_conflicts,
-    _hybrid_conflicts,
+    lambda scenario: scenario.control.settings.conflicts(scenario),
     _rate_conflicts,
     lambda scenario: sensor_conflicts(scenario.sensors, scenario.obstacle),
     lambda scenario: actuator_conflicts(scenario.actuator, scenario.thread_names),

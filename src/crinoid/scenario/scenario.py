@@ -245,33 +245,26 @@ class Scenario(Model):
         """Return a rate, or the default one for None (Hz)."""
         return given or min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
 
-    def smoothness_of(self, settings: Any) -> float:
-        """Return the smoothness (m) of a controller with a model of this arm, by its table."""
-        lift = self.water.vortices is not None and self.arm.dimension == 3
-        return settings.smoothness_on(self.arm.length, lift=lift)
-
     @property
     def thread_names(self) -> tuple[str, ...]:
         """Names of the inputs of chambers and tendons."""
         return thread_names(self.chamber, self.tendon)
 
     @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs besides those of further actuators."""
+        return (*self.base.channels.present, *self.thread_names)
+
+    @property
     def driven(self) -> tuple[str, ...]:
         """The inputs that the controller drives: channels of the base, chambers and tendons."""
-        inputs = (*self.base.channels.present, *self.thread_names)
-        match self.control.kind:
-            case "none":
-                return ()
-            case "pid":
-                present = self.control.pid.present
-                known = [name for name in inputs if name in present]
-                return (*known, *(name for name in present if name not in inputs))
-            case "lqg" | "mpc":
-                return self.control.settings.inputs or inputs
-            case "hybrid":
-                return ("slide",)
-            case _:
-                return inputs
+        return self.control.settings.drives(self.inputs)
+
+    @property
+    def idle_values(self) -> dict[str, Any]:
+        """Values by dotted key that switch the controller off."""
+        moved = {"target.feed_forward": False} if self.target.feed_forward else {}
+        return {"control.kind": "none"} | moved
 
     @property
     def judged_from(self) -> float:
@@ -288,7 +281,7 @@ class Scenario(Model):
         """Whether the tip has a target other than its pose at t = 0, or a controller."""
         target = self.target
         given = any(each != "initial" for each in (target.tip, target.angle_deg, target.direction))
-        return given or target.moves or self.control.kind not in ("none", "sequence")
+        return given or target.moves or self.control.settings.feeds_back
 
     @property
     def output_interval(self) -> float:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from crinoid.scenario.actuator import ActuatorTable
-from crinoid.scenario.control import ControllerTable
+from crinoid.scenario.controller import ControllerTable
 from crinoid.scenario.flow import FlowTable
 from crinoid.scenario.kinds import installed, installed_table
 from crinoid.scenario.load import LoadTable

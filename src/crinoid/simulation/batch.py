@@ -80,15 +80,13 @@ def play_batched(
         else:
             # these decide on the program of a run
             leaves, tree = jax.tree.flatten((ready.setup.loop, ready.setup.state))
-            control = ready.scenario.control
-            compared = control.kind != "none" and control.compare
-            key = tree, tuple((leaf.shape, str(leaf.dtype)) for leaf in leaves), compared
+            forms = tuple((leaf.shape, str(leaf.dtype)) for leaf in leaves)
+            key = tree, forms, ready.scenario.control.compared
             groups.setdefault(key, []).append(ready)
     for group in groups.values():
         results = _run(group, moved, stop)
-        control = group[0].scenario.control
         others: Iterable[Result | None]
-        if control.kind != "none" and control.compare:
+        if group[0].scenario.control.compared:
             idle = [ready._replace(setup=without_control(ready.setup)) for ready in group]
             others = _run(idle, lambda index, reached: None, stop)
         else:

@@ -162,15 +162,14 @@ def play(
     scenario = prepared.scenario
     steps = scenario.simulation.steps if steps is None else steps
     require_space(scenario, into)
-    controlled = scenario.control.kind != "none"
-    label = "controlled" if controlled else "simulated"
+    label = "controlled" if scenario.control.acts else "simulated"
     with CtrlC() if stop is None else nullcontext(stop) as asked:
         setup = set_up(prepared, notes=notes)
         if tell is not None and setup.loop_warnings:
             tell(setup.loop_warnings)
         path = None if into is None else into / RESULT
         result = _run(setup, label, report, resume, asked, path, steps)
-        if controlled and scenario.control.compare:
+        if scenario.control.compared:
             idle = without_control(setup)
             earlier = resume.uncontrolled if resume is not None else None
             path = None if into is None else into / UNCONTROLLED

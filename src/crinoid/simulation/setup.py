@@ -26,7 +26,6 @@ from crinoid.dynamics import (
     find_modes,
 )
 from crinoid.results.metrics import measures_of
-from crinoid.scenario import Scenario
 from crinoid.simulation.frequency_response import Plant
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.loop_margin import OpenLoop, loop_warnings
@@ -63,8 +62,10 @@ def set_up(prepared: Prepared, *, notes: bool = True) -> Setup:
     measures_of(prepared.scenario)  # refuses those that are in no package, before any run
     scenario, system, facts = prepared.scenario, prepared.system, prepared.facts
     state, outcome = find_state(system, scenario.simulation.start == "equilibrium")
+    control = scenario.control
+    mapped = control.acts and control.mapping == "static-jacobian"
     tip, small, influence, jacobian = _find_small_motions(
-        system, state, array(facts.mean_current), is_mapped(scenario)
+        system, state, array(facts.mean_current), mapped
     )
     modes, frequencies = None, np.zeros(0)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
@@ -85,15 +86,10 @@ def set_up(prepared: Prepared, *, notes: bool = True) -> Setup:
     loop, plan = loop_about(prepared, state, tip, jacobian, first_period)
     open_loop, found = None, []
     # an arm that does not swing back by itself has no response to speak of
-    if notes and scenario.control.kind == "pid" and modes is not None and np.all(frequencies > 0):
+    if notes and control.gains and modes is not None and np.all(frequencies > 0):
         open_loop = _open_loop(loop, small, influence, modes, tuple(facts.waters))
-        found = loop_warnings(open_loop, scenario.control.pid.present)
+        found = loop_warnings(open_loop, control.gains)
     return Setup(prepared, loop, state, plan, outcome, modes, warnings, open_loop, found)
-
-
-def is_mapped(scenario: Scenario) -> bool:
-    """Return whether the static Jacobian of the tip maps errors to inputs."""
-    return scenario.control.kind != "none" and scenario.control.mapping == "static-jacobian"
 
 
 def loop_about(

@@ -35,7 +35,7 @@ _AT_THE_END = 2.7
 
 def require_space(scenario: Scenario, into: Path | None) -> None:
     """Refuse a run that keeps more than memory, or the disk that it is written to, can take."""
-    nodes, runs = scenario.arm.nodes, _runs(scenario)
+    nodes, runs = scenario.arm.nodes, 1 + scenario.control.compared
     instants = scenario.simulation.steps // scenario.output_steps + 1
     whole = _bytes(scenario, large=True)
     # of a run on the disk, memory contains only variables with one number an instant
@@ -49,11 +49,8 @@ def require_space(scenario: Scenario, into: Path | None) -> None:
 
 def runs_in_memory(scenario: Scenario) -> int:
     """Return the number of runs of a scenario whose saved instants fit into 8 GB, at least one."""
-    return max(1, int(_MAX_BYTES / (_bytes(scenario, large=True) * _runs(scenario))))
-
-
-def _runs(scenario: Scenario) -> int:
-    return 1 + (scenario.control.kind != "none" and scenario.control.compare)
+    runs = 1 + scenario.control.compared
+    return max(1, int(_MAX_BYTES / (runs * _bytes(scenario, large=True))))
 
 
 def _bytes(scenario: Scenario, *, large: bool) -> float:
@@ -75,7 +72,7 @@ def _bytes(scenario: Scenario, *, large: bool) -> float:
         "vortices": scenario.water.vortices,
         "self": scenario.contact.self_,
         "hull": scenario.hull,
-        "estimate": scenario.control.observes,
+        "estimate": scenario.control.settings.observes,
     }
     without = [name for name, found in parts.items() if not found]
     there = of_dimension(dimension, without=without).values()

@@ -57,8 +57,8 @@ def controller_values(scenario: Scenario, kind: str) -> dict[str, Any]:
     the scenario has no such sensor.
     """
     values: dict[str, Any] = {"control.kind": kind, "control.compare": False}
-    if kind == "none" and scenario.target.feed_forward:
-        values["target.feed_forward"] = False
+    if kind == "none":
+        values |= scenario.idle_values
     if kind == "hybrid" and inclination_sensor(scenario.sensors) is None:
         sensor = InclinationSensor(kind="inclination", stations=_STATIONS)
         values["sensors"] = [*scenario.sensors, sensor]
@@ -82,7 +82,7 @@ def controller_values(scenario: Scenario, kind: str) -> dict[str, Any]:
 
 def _driven(scenario: Scenario, values: dict[str, Any]) -> tuple[list[str], Setup | None]:
     """Return the inputs that move the controlled quantities, and the loop that drives them."""
-    names = [*scenario.base.channels.present, *scenario.thread_names]
+    names = [*scenario.inputs]
     while names:
         try:
             gains = {"control.pid": _gains(names, 1.0, 1.0)}

@@ -4,7 +4,7 @@ May import ``recording`` and lower folders.
 """
 
 from crinoid.scenario.actuator import ActuatorTable as ActuatorTable
-from crinoid.scenario.control import ControllerTable as ControllerTable
+from crinoid.scenario.controller import ControllerTable as ControllerTable
 from crinoid.scenario.errors import Mistake as Mistake
 from crinoid.scenario.errors import got as got
 from crinoid.scenario.flow import FlowTable as FlowTable

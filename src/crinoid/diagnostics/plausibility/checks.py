@@ -184,7 +184,7 @@ def _weight(facts: Facts) -> Iterator[str]:
     if bent > LIMP:
         value += f" (weight in water times L^3 / EI = {bent:.2g})"
         yield unusual(key, value, f"up to {LIMP:g}", "Is it in kPa or MPa?")
-    elif facts.scenario.control.kind == "hybrid":  # which swings up an arm that buckles
+    elif facts.scenario.control.settings.balances:  # which swings up an arm that buckles
         return
     elif pushed > most and facts.scenario.base.mount == "clamped":
         way, force = ("up", "weight") if weight > 0 else ("down", "buoyancy")

@@ -83,7 +83,7 @@ def start_rule(key: str, hint: str = "", *, controlled: bool = False) -> Rule:
     """Return the rule that something starts before the end of a run."""
 
     def left(facts: Facts, value: Any, _: Any) -> float | None:
-        if controlled and facts.scenario.control.kind == "none":
+        if controlled and not facts.scenario.control.acts:
             return None
         start = value[0] if isinstance(value, tuple) else value
         return facts.scenario.simulation.duration - float(start)

@@ -121,7 +121,7 @@ def _offset(facts: Facts, offset: Any, thread: Any) -> float | None:
 
 def _filter(facts: Facts, cutoff: Any, gains: Any) -> float | None:
     control, rate = facts.scenario.control, facts.scenario.control_rate_hz
-    judged = control.kind == "pid" and gains.kd and (control.rate_hz or rate == 100)
+    judged = control.gains and gains.kd and (control.rate_hz or rate == 100)
     return 2 * cutoff / rate if judged else None
 
 
@@ -313,7 +313,7 @@ DERIVED = (
     start_rule("sensor.delay", "The controller gets no reading. Is it in ms?", controlled=True),
     range_rule("sensor.delay", 0.0, 1.0, "s", quantity="delay / first period",
                of=lambda facts, value, _: value / facts.period
-               if value and facts.scenario.control.kind != "none" else None,
+               if value and facts.scenario.control.acts else None,
                above="Is it in ms?"),
     range_rule("sensor.noise_position", 0.0, 0.05, "m", quantity="noise / arm.length",
                of=lambda facts, value, _: value / facts.length, above="Is it in mm?"),

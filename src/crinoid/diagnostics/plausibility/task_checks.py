@@ -58,7 +58,10 @@ def _random_start(facts: Facts) -> Iterator[str]:
     scenario, water = facts.scenario, facts.scenario.water
     if scenario.target.tip != "initial" or scenario.target.moves:
         return
-    if scenario.simulation.start != "equilibrium" or scenario.control.kind == "sequence":
+    control = scenario.control
+    if scenario.simulation.start != "equilibrium" or (
+        control.acts and not control.settings.feeds_back
+    ):
         return
     if scenario.base.mount != "clamped":
         return
@@ -203,11 +206,10 @@ def _distance(corners: list[Vector]) -> float:
 
 @check(KEY, limit="the arm, the water and the sensors on which its policy was trained")
 def _training(facts: Facts) -> Iterator[str]:
-    control = facts.scenario.control
-    if control.kind != "neural" or control.neural.weights is None:
+    if (policy := facts.scenario.control.policy) is None:
         return
     try:
-        trained = Description.of(Path(control.neural.weights))
+        trained = Description.of(Path(policy))
     except ScenarioError:
         return  # the assembly of the controller refuses it
     here, there = (dict(flat(each)) for each in (facts.scenario.to_dict(), trained.scenario))

@@ -158,7 +158,7 @@ def joints_of(data: xr.Dataset, topic: str) -> list[tuple[str, str, int]]:
 
     Channels that stay put are left out, and commands where there is no controller.
     """
-    if topic == "/commands" and Result(data).known_scenario.control.kind == "none":
+    if topic == "/commands" and not Result(data).known_scenario.control.acts:
         return []
     found = []
     for variable, dim in _JOINTS[topic].items():

@@ -78,8 +78,8 @@ def adjusted_scenario(scenario: Scenario, numbers: AdjustableNumbers) -> tuple[S
         for name in ("EA", "EI", "GJ"):
             if (given := getattr(arm.section, name)) is not None:
                 values[f"arm.section.{name}"] = _scaled(numbers.stiffness, given)
-    if numbers.gains != 1.0 and scenario.control.kind == "pid":
-        for name, gains in scenario.control.pid.present.items():
+    if numbers.gains != 1.0:
+        for name, gains in scenario.control.gains.items():
             for key in ("kp", "ki", "kd"):
                 values[f"control.pid.{name}.{key}"] = numbers.gains * getattr(gains, key)
     return (scenario.with_values(values) if values else scenario), notes

@@ -277,6 +277,6 @@ class ControlledScenario(NamedTuple):
 def kinds_for(scenario: Scenario) -> tuple[str, ...]:
     """Return the kinds of controllers that a scenario can be switched to."""
     own = scenario.control.kind
-    if not (scenario.base.channels.present or scenario.thread_names):
+    if not scenario.inputs:
         return tuple(dict.fromkeys(("none", own)))
     return tuple(dict.fromkeys((*KINDS, own)))

@@ -159,7 +159,7 @@ class SessionLog:
         document = now.scenario.to_dict()
         duration = float(f"{float(whole.time[-1]):.10g}")
         changes: list[dict[str, Any]] = [{"simulation.duration": duration}]
-        if now.scenario.control.kind != "none":
+        if now.scenario.control.acts:
             changes.append({"control.compare": False})
             if now.switched_on is not None:
                 changes.append({"control.start": now.switched_on})
