@@ -23,9 +23,8 @@ def before() -> str:
     """Return the table of the rules for a scenario and its control loop."""
     rows = ["| Keys | Plausible |", "|---|---|"]
     for rule in RULES:
-        quantity = f"{rule.quantity}: " if rule.quantity else ""
         keys = ", ".join(f"`{key}`" for key in rule.keys)
-        rows.append(f"| {keys} | {quantity}{rule.limit} |")
+        rows.append(f"| {keys} | {rule.limit} |")
     gains = f"a stable linear loop with a modulus margin of {margin.ROBUST:g} or more"
     rows.append(f"| `control.pid.*` | {gains} |")
     return "\n".join(rows)

@@ -11,11 +11,12 @@ import pytest
 
 import crinoid
 from crinoid.assembly.door import build_part
+from crinoid.assembly.facts import Facts
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.system import OWN, check_steady
 from crinoid.control import Clock
-from crinoid.diagnostics.plausibility import Facts, plausibility_warnings
+from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.dynamics import Outcome
 from crinoid.flow.currents import MeasuredPoint
 from crinoid.numerics.piecewise import PiecewisePolynomial, shape_preserving
@@ -282,38 +283,6 @@ def test_a_flow_must_say_whether_it_is_steady():
 
 
 LONG = crinoid.Scenario(arm={"nodes": 9, "length": 1.0})
-
-
-def couple(motion):
-    edge = motion.position[1] - motion.position[0]
-    return jnp.stack([-1.0, 1.0])[:, None] * jnp.stack([-edge[1], edge[0]]) / jnp.sum(edge**2)
-
-
-class Scaled(Rope):
-    def residual(self, motion):
-        return self.share * self.given(motion)
-
-
-def force(motion):
-    return jnp.full((2, 2), 0.5)
-
-
-@pytest.mark.parametrize(
-    ("given", "per_metre", "line"),
-    [
-        (couple, 1e4, r"load: test_door:Scaled \(element 6\) puts 1e\+04 N m on the arm, 8e\+05"),
-        (couple, 0.1, ""),
-        (force, 1e3, r"puts 1\.41e\+03 N on the arm, 1\.1e\+05 times"),
-        (force, 1.0, ""),
-    ],
-)
-def test_a_users_load_is_doubted_by_its_force_and_its_couple(given, per_metre, line):
-    load = Scaled(1, jnp.full(8, per_metre * LONG.arm.length / 8), given)
-    found = plausibility_warnings(Prepared(LONG, Parts(elements=(load,))))
-    if line:
-        assert re.search(line, "; ".join(found)), found
-    else:
-        assert not [doubt for doubt in found if doubt.startswith("load")]
 
 
 def test_a_users_flow_counts_as_current_and_is_doubted():

@@ -495,6 +495,7 @@ def test_links_are_replaced_and_not_followed(here):
 BROKEN = {
     "no wall_time": (lambda data: data.attrs.pop("wall_time") and data, "not say its wall_time"),
     "no position": (lambda data: data.drop_vars("position"), "it has no position"),
+    "no travel": (lambda data: data.drop_vars("channel_lower"), "it has no channel_lower"),
     "energy in words": (lambda data: data.assign(energy=data["energy"].astype(str)), "its energy"),
     "no names of axes": (lambda data: data.drop_vars("axis"), "it has no axis over axis"),
     "no instant": (lambda data: data.isel(time=slice(0)), "it holds no instant"),

@@ -11,11 +11,15 @@ import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.elements import WORKS
+from crinoid.foundation.axes import CHANNELS
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.dataset import coordinates, describe
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation import Progress
+
+LIMITS = {"lower": -1.0, "upper": 1.0, "max_speed": 9.0, "max_acceleration": 99.0}
+"""Ends of the travel of each channel, its greatest speed and acceleration."""
 
 
 def case_rows(folder: Path) -> list[dict[str, str]]:
@@ -55,6 +59,9 @@ def moving_run(
         return np.gradient(values, time, axis=0) if records > 1 else np.zeros_like(values)
 
     velocity, tip, edge = rate(position), position[:, -1], arc_length[1]
+    count = len(CHANNELS[dimension])
+    values |= {f"channel_{key}": np.full(count, each) for key, each in LIMITS.items()}
+    values.setdefault("base_servo", values.get("base_pose", values["base_command"]).copy())
     bent = sum((values[name] ** 2).reshape(records, -1).sum(1) for name in BENT & set(values))
     parts = [
         0.5 * 1.3 * edge * (velocity**2).sum(axis=(1, 2)),

@@ -11,7 +11,7 @@ from crinoid.results.errors import angle_error, deflection, settling_time, short
 from crinoid.results.loads import base_force, base_moment
 from crinoid.results.metrics import MEASURES
 from crinoid.results.result import Result
-from helpers.made_results import of_values
+from helpers.made_results import LIMITS, of_values
 
 TIME = np.linspace(0.0, 10.0, 101)
 PID = {"slide": {"ki": 1.0}, "tilt": {"ki": 1.0}}
@@ -36,6 +36,7 @@ def made(error, angle=0.0, scenario=None, slide=0.0, force=1.0):
         tip_angle=angle,
         tip_angle_target=zero,
         base_servo=np.stack([slide, zero, -10 * slide], axis=1),
+        **{f"channel_{key}": np.full(3, each) for key, each in LIMITS.items()},
         base_force=np.stack([3 * force, 4 * force], axis=1),
         base_moment=-0.1 * force,
         steps=np.ones(TIME.size, dtype=int),

@@ -124,8 +124,6 @@ UNFIT += [("position", 1e40), ("position", 1e200), ("position", 0.0)]  # no edge
 @pytest.mark.parametrize(("name", "value"), UNFIT)
 def test_the_animation_leaves_out_instants_that_lack_a_number(name, value):
     broken = swaying_arm(records=40)
-    if name == "base_servo":
-        broken = broken.assign(base_servo=broken["base_pose"].copy())
     broken[name][[3, 20, 21]] = value
     space = build_scene(Result(broken), 100, 50)
     (moving,) = space.members

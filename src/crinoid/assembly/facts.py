@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.assembly.prepared import Prepared
 from crinoid.foundation.axes import ANGLES
 from crinoid.scenario import (
     GaussMarkovFlow,
@@ -26,7 +25,7 @@ from crinoid.scenario.flow import Flow
 from crinoid.scenario.kinds import is_own
 
 if TYPE_CHECKING:
-    from crinoid.assembly.system import Sampled
+    from crinoid.assembly.prepared import Prepared
 
 _AIR = (1.1, 1.4)
 """Densities of air, from a hot day to a cold one (kg/m3)."""
@@ -49,9 +48,6 @@ class Facts:
         """At root and tip (m)."""
         self.wet = water.density > 0 and not _AIR[0] <= water.density <= _AIR[1]
         """Whether the arm is in water rather than in air or nothing."""
-        self.in_air = water.density > 0 and not self.wet
-        self.warnings: list[str] | None = None
-        """Notes on implausible values (`crinoid.diagnostics.plausibility`), once sought."""
 
     @cached_property
     def bending(self) -> Float[np.ndarray, " ends"]:
@@ -117,11 +113,6 @@ class Facts:
         """Largest diameter that the water sees (m)."""
         given = self.scenario.arm.section.diameter
         return 2 * max(self.radii) if given is None else given
-
-    @property
-    def round_area(self) -> float:
-        """Area of a round section of that diameter (m2)."""
-        return math.pi * (self.diameter / 2) ** 2
 
     def limpness(self, load: float, power: int) -> float:
         """Return a load times a power of the length over the bending stiffness."""
@@ -202,24 +193,25 @@ class Facts:
         return math.hypot(*driven) + math.hypot(*carried)
 
     @cached_property
+    def speeds(self) -> dict[int, float]:
+        """Speed that each flow hardly exceeds, by its index (m/s)."""
+        known = {i: self.fastest(i, flow) for i, flow in enumerate(self.scenario.flow)}
+        sampled = {
+            index: float(np.linalg.norm(velocity, axis=-1).max(initial=0.0))
+            for index, velocity in self.sampled.items()
+        }
+        return known | sampled
+
+    @property
     def current(self) -> float:
         """Speed that all flows together do not exceed for long (m/s)."""
-        known = {i: self.fastest(i, flow) for i, flow in enumerate(self.scenario.flow)}
-        return math.fsum((known | self.sampled_speeds).values())
-
-    @cached_property
-    def sampled_speeds(self) -> dict[int, float]:
-        """Largest sampled speed of each flow of another package, by its index (m/s)."""
-        velocities = self.sampled[0].items()
-        return {i: float(np.linalg.norm(v, axis=-1).max(initial=0.0)) for i, v in velocities}
+        return math.fsum(self.speeds.values())
 
     @cached_property
     def mean_current(self) -> tuple[float, ...]:
         """Mean velocity of all flows together at full strength (m/s); gusts and waves have none."""
         total = np.zeros(self.scenario.arm.dimension)
-        total += sum(
-            velocity.mean(axis=0) for velocity in self.sampled[0].values() if velocity.size
-        )
+        total += sum(velocity.mean(axis=0) for velocity in self.sampled.values() if velocity.size)
         for index, flow in enumerate(self.scenario.flow):
             match flow:
                 case UniformFlow() | ShearFlow():
@@ -231,11 +223,10 @@ class Facts:
         return tuple(map(float, total))
 
     @cached_property
-    def sampled(self) -> Sampled:
-        """Flows and elements of other packages, as ``crinoid.assembly.system`` finds them."""
-        tables = (*self.scenario.flow, *self.scenario.load, *self.scenario.actuator)
-        if self.prepared.parts is None and all(map(is_own, tables)):
-            return {}, {}
+    def sampled(self) -> dict[int, Float[np.ndarray, "s d"]]:
+        """Velocities of each flow of another package near the arm, by its index (m/s)."""
+        if self.prepared.parts is None and all(map(is_own, self.scenario.flow)):
+            return {}
         from crinoid.assembly.system import sampled  # JAX: slow to load, few need it
 
         return sampled(self.prepared.system, self.scenario)

@@ -17,11 +17,8 @@ from crinoid.assembly.parameters import Parameters
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import FarContact, Forces, FreeBodies, Hull, Settings, System
-from crinoid.dynamics.statics import static_motion
-from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
 from crinoid.flow import Flow, Water, on_currents
-from crinoid.numerics.frames import moments
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.kinds import is_own
 
@@ -145,8 +142,6 @@ assemble_once = compiled(**ONCE)(assemble)
 """`assemble` as one small program, kept between runs; not under a transformation of JAX."""
 
 
-Sampled = tuple[dict[int, Float[np.ndarray, "s d"]], dict[str, tuple[Array, Array]]]
-
 _COUNT = 64
 _GOLDEN = (5**0.5 - 1) / 2
 _ROUND_OFF = 1e-9
@@ -171,50 +166,13 @@ def check_steady(flow: Flow, place: str, scenario: Scenario) -> None:
     require(not (flow.steady and changes), f"{part_name(flow, place)} steady", text)
 
 
-def sampled(system: System, scenario: Scenario) -> Sampled:
-    """Return velocities of flows by index, and force (N) and couple (N m) of elements by name.
-
-    The size of those of our tables follows from their keys; they are left out.
-    """
-    forces, loads, times = system.forces, len(scenario.load), _times(scenario)
-
-    def new(part: object, table: object) -> bool:
-        return not is_own(part if table is None else table)
-
-    laws = (None,) * OWN + scenario.load
+def sampled(system: System, scenario: Scenario) -> dict[int, Float[np.ndarray, "s d"]]:
+    """Return velocities of the flows of other packages near the arm, by index (m/s)."""
     return {
         index: np.concatenate(sampled_velocities(flow, scenario))
-        for index, (flow, table) in enumerate(zip_longest(forces.water.flows, scenario.flow))
-        if new(flow, table)
-    }, {
-        part_name(one, place_of(index, loads)): _sampled_load(one, system, times)
-        for index, (one, table) in enumerate(zip_longest(forces.elements, laws))
-        if new(one, table)
+        for index, (flow, table) in enumerate(zip_longest(system.forces.water.flows, scenario.flow))
+        if not is_own(flow if table is None else table)
     }
-
-
-@eqx.filter_jit
-def _sampled_load(
-    element: Element, system: System, times: Float[Array, " time"]
-) -> tuple[Array, Array]:
-    """Return the largest sums of magnitudes, over the windows, of force and couple.
-
-    A couple is the part of a moment in a window that no force there explains.
-    """
-
-    def at(time: Float[Array, ""]) -> tuple[Array, Array]:
-        window = motion_windows(element, static_motion(*system.undeformed(time)))
-        given = jax.vmap(lambda e, m: e.residual(m))(element, window)
-        axes = system.forces.axes
-        place, force = window.position[..., :axes], given[..., :axes]
-        lever = place - jnp.mean(place, axis=1, keepdims=True)
-        size, total = (jnp.linalg.norm(x, axis=-1) for x in (lever, jnp.sum(force, axis=1)))
-        moment = jnp.linalg.norm(jnp.sum(moments(lever, force), axis=1), axis=-1)
-        couple = jnp.maximum(0, moment - total * jnp.max(size, axis=1))
-        return jnp.sum(total), jnp.sum(couple) + jnp.sum(jnp.abs(given[..., axes:]))
-
-    force, couple = jax.vmap(at)(times)
-    return jnp.max(force), jnp.max(couple)
 
 
 def _times(scenario: Scenario) -> Float[Array, " time"]:

@@ -19,11 +19,12 @@ from crinoid.cli.display import new_table, progress_bar, say_notes
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
-from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER, plausibility_warnings
+from crinoid.diagnostics.plausibility import IN_THE_WATER, plausibility_warnings
 from crinoid.foundation.status import Status
 from crinoid.recording import Recording
 from crinoid.results.units import DEGREES, SLOWEST, no_swing, si_unit
 from crinoid.scenario import Scenario
+from crinoid.scenario.scenario import AT_REST
 
 
 def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:

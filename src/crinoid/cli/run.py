@@ -19,10 +19,10 @@ from crinoid.cli.display import (
 from crinoid.cli.finding import complete, page_in, require_one
 from crinoid.cli.folder import check_replaced, claimed, clear, contains, place_for, save, stopped
 from crinoid.cli.interruption import Interruption
-from crinoid.diagnostics.plausibility import AT_REST
 from crinoid.foundation.status import Status
 from crinoid.results.result import RESULT, Result, ResultError
 from crinoid.scenario import Scenario, ScenarioError, refusal
+from crinoid.scenario.scenario import AT_REST
 from crinoid.simulation import Progress, SimulationError, Tell, play, settle
 
 

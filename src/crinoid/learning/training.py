@@ -31,7 +31,7 @@ from crinoid.learning.gradient import (
 )
 from crinoid.learning.imitation import imitate
 from crinoid.learning.rollout import EpisodePool, Learners, RolloutSegment, StageCost, evaluate
-from crinoid.learning.settings import METHOD, TrainingSettings
+from crinoid.learning.settings import TrainingSettings
 from crinoid.results.dataset import describe
 from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import closed_loop
@@ -222,14 +222,11 @@ class Training:
     def check_same(self, path: Path, remedy: str) -> None:
         """Refuse the checkpoint of another training, naming the difference."""
         header = checkpoint_header(path)
-        method = header.get("--method", METHOD)
         for key, given in self._header.items():
             saved = header.get(key)
             if given == saved:
                 continue
-            if method != METHOD:
-                text = f"is of a training by {shown(method)}, which crinoid no longer has. Please"
-            elif key == "scenario":
+            if key == "scenario":
                 text = "is of another scenario. Use the same scenario and --set, or"
             else:
                 text = f"is of another training: got {key} {shown(given)}; must be {shown(saved)}."

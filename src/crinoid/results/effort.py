@@ -105,8 +105,6 @@ def input_speed(result: Result) -> dict[str, float]:
     drive of an actuator in its unit per s.
     """
     data, counted = result.dataset, judged(result)
-    if "channel_lower" not in data:  # of an earlier version
-        return {}
     span = np.diff(data["time"].values[counted])
     moves = data["channel_lower"].values < data["channel_upper"].values
     names = [*data["channel"].values[moves], *(data["input"].values if "input" in data else ())]

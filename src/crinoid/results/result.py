@@ -41,6 +41,7 @@ UNFINISHED = "unfinished: it is still run, or the program was killed; --resume g
 _REQUIRED = (
     *("tip_position", "tip_target", "tip_error", "tip_angle"),
     *("base_command", "base_servo", "base_force", "base_moment"),
+    *("channel_lower", "channel_upper", "channel_max_speed", "channel_max_acceleration"),
     *("energy", "steps", "newton_iterations", "residual"),
 )
 _MOTION = ("position", "velocity", "acceleration")

@@ -34,7 +34,7 @@ def limit_shares(result: Result) -> dict[str, AtLimit]:
     ends of their commands count, except 0.
     """
     scenario, data = result.scenario, result.dataset
-    if not scenario.control.acts or "channel_lower" not in data:  # of an earlier version
+    if not scenario.control.acts:
         return {}
     data = data[[name for name in _OF_LIMITS if name in data]].isel(time=controlled(result))
     if data.sizes["time"] < 3:

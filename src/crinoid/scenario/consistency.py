@@ -13,11 +13,13 @@ from crinoid.scenario.actuator import actuator_conflicts, thread_conflicts
 from crinoid.scenario.base_motion import ChannelMotion, TableMotion
 from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
-from crinoid.scenario.flow import GaussMarkovFlow, MeasuredFlow, ShearFlow, SurfaceWaves
+from crinoid.scenario.flow import MeasuredFlow, ShearFlow
 from crinoid.scenario.obstacle import Capsule, Cylinder
+from crinoid.scenario.random_flow import GaussMarkovFlow
 from crinoid.scenario.sensor import sensor_conflicts
 from crinoid.scenario.simulation import whole_conflicts
 from crinoid.scenario.tool import tool_conflicts
+from crinoid.scenario.waves import SurfaceWaves
 
 if TYPE_CHECKING:
     from crinoid.scenario.scenario import Scenario

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, Field
 
 from crinoid.scenario.document import RecordFile
 from crinoid.scenario.errors import Mistake, missing
-from crinoid.scenario.flow_table import FlowTable as FlowTable
+from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.kinds import KindOf, part
 from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import (
@@ -31,11 +31,8 @@ from crinoid.scenario.quantity import (
     Seconds,
     Velocity,
 )
-from crinoid.scenario.random_flow import GaussMarkovFlow as GaussMarkovFlow
-from crinoid.scenario.random_flow import TurbulenceFlow as TurbulenceFlow
-from crinoid.scenario.waves import RegularWaveFlow as RegularWaveFlow
-from crinoid.scenario.waves import SurfaceWaves as SurfaceWaves
-from crinoid.scenario.waves import WavesFlow as WavesFlow
+from crinoid.scenario.random_flow import GaussMarkovFlow, TurbulenceFlow
+from crinoid.scenario.waves import RegularWaveFlow, WavesFlow
 
 _COMPONENT = re.compile(r"(-?)\s*([^\[\]]*[^\[\]\s])\s*(?:\[([^\[\]]+)\])?")
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from crinoid.scenario.actuator import ActuatorTable
 from crinoid.scenario.controller import ControllerTable
-from crinoid.scenario.flow import FlowTable
+from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.kinds import installed, installed_table
 from crinoid.scenario.load import LoadTable
 from crinoid.scenario.model import Model

@@ -9,7 +9,6 @@ from crinoid.simulation.differentiable_run import closed_loop as closed_loop
 from crinoid.simulation.differentiable_run import glance as glance
 from crinoid.simulation.differentiable_run import rollout as rollout
 from crinoid.simulation.differentiable_run import with_parameters as with_parameters
-from crinoid.simulation.lateness import Lateness as Lateness
 from crinoid.simulation.loop import Loop as Loop
 from crinoid.simulation.loop import LoopState as LoopState
 from crinoid.simulation.run import Progress as Progress

@@ -6,10 +6,11 @@ import time
 
 from crinoid.assembly.prepared import Prepared, at_rest, require_one_case
 from crinoid.compilation import ONCE, compiled
-from crinoid.diagnostics.plausibility import AT_REST, plausibility_warnings
+from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.dynamics import State, System
 from crinoid.results.result import Result
 from crinoid.scenario.library import Source, scenario_of
+from crinoid.scenario.scenario import AT_REST
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import (
     conclude,

@@ -7,7 +7,7 @@ from crinoid.scenario.actuator import ActuatorTable as ActuatorTable
 from crinoid.scenario.controller import ControllerTable as ControllerTable
 from crinoid.scenario.errors import Mistake as Mistake
 from crinoid.scenario.errors import got as got
-from crinoid.scenario.flow import FlowTable as FlowTable
+from crinoid.scenario.flow_table import FlowTable as FlowTable
 from crinoid.scenario.load import LoadTable as LoadTable
 from crinoid.scenario.model import Model as Model
 from crinoid.scenario.quantity import AsTuple as AsTuple

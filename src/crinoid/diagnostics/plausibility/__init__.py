@@ -1,28 +1,24 @@
 """Plausibility of a scenario before its run: notes on unusual values, never refusals.
 
-The rules need neither JAX nor a run. `RULES` is their one list; docs/reference/notes.md is made
-from it.
+Numbers with a unit, and what an expert would miss; the rules need neither JAX nor a run. `RULES`
+is their one list; docs/reference/notes.md is made from it.
 """
 
+import re
 from collections.abc import Collection
 
 import numpy as np
 
-from crinoid.assembly.facts import Facts
 from crinoid.assembly.prepared import Prepared
-from crinoid.diagnostics.plausibility.checks import BASIC_CHECKS, CHECKS
+from crinoid.diagnostics.plausibility.checks import CHECKS
 from crinoid.diagnostics.plausibility.rule import Rule
-from crinoid.diagnostics.plausibility.table import BASIC, DERIVED
+from crinoid.diagnostics.plausibility.table import RANGES
 from crinoid.diagnostics.plausibility.task_checks import TASK_CHECKS
 from crinoid.scenario import ScenarioError
-from crinoid.scenario.scenario import AT_REST
 
-__all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "plausibility_warnings"]
+__all__ = ["IN_THE_WATER", "RULES", "plausibility_warnings"]
 
-_FIRST = (*BASIC, *BASIC_CHECKS)
-"""Where these find an implausible arm or water, the others follow from it and are left out."""
-_THEN = (*DERIVED, *CHECKS, *TASK_CHECKS)
-RULES = (*_FIRST, *_THEN)
+RULES = (*RANGES, *CHECKS, *TASK_CHECKS)
 
 IN_THE_WATER = ("water", "flow")
 """Tables that a current depends on."""
@@ -30,28 +26,23 @@ IN_THE_WATER = ("water", "flow")
 
 def plausibility_warnings(prepared: Prepared, tables: Collection[str] = ()) -> list[str]:
     """Return a sentence for each implausible value of one case, in some tables or in all."""
-    facts = prepared.facts
-    if (found := facts.warnings) is None:
-        found = [note for rule in _FIRST for note in _warnings(rule, facts)]
-        if not any(note.startswith(("arm.", "water.")) for note in found):
-            found += [note for rule in _THEN for note in _warnings(rule, facts)]
-        facts.warnings = found
+    found = [note for rule in RULES for note in _notes(rule, prepared)]
     return [note for note in found if not tables or note.split(":")[0].split(".")[0] in tables]
 
 
-def _warnings(rule: Rule, facts: Facts) -> list[str]:
-    """Return the notes of a rule; the last one says where its numbers overflow."""
-    found: list[str] = []
+def _notes(rule: Rule, prepared: Prepared) -> list[str]:
+    """Return the notes of a rule, one for all tables of a list; or that its numbers overflow."""
+    found: dict[str, list[str]] = {}
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            for note in rule.warnings(facts):
-                found.append(note)
+            for note in rule.notes(prepared.facts):
+                found.setdefault(re.sub(r"\.\d+", ".*", note.split(":")[0]), []).append(note)
     except ScenarioError:
         raise
     except (ArithmeticError, ValueError):
-        first, *more = rule.keys
-        along = f" (with {', '.join(more)})" if more else ""
-        by = f" by {rule.quantity}" if rule.quantity else ""
-        text = f"cannot be judged{along}{by}: the numbers exceed the range of the computation"
-        found.append(f"{first}: {text}")
-    return found
+        text = f"cannot be judged by {rule.limit}: the numbers exceed the range of the computation"
+        return [f"{rule.keys[0]}: {text}"]
+    return [
+        first + (f" ({len(others)} more of {key})" if others else "")
+        for key, (first, *others) in found.items()
+    ]

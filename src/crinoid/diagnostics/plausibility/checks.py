@@ -1,23 +1,25 @@
-"""Plausibility rules that no range expresses: base, water, loads and time steps."""
+"""Plausibility rules that no range expresses: angles, base, water, loads and time steps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from operator import attrgetter
 
 import numpy as np
 from jaxtyping import Float
 
 from crinoid.assembly.facts import Facts
-from crinoid.diagnostics.plausibility.rule import Rule, numbers, unusual
-from crinoid.diagnostics.plausibility.table import ANGLES, CURRENT, GREENHILL, LIMP, WOUND
+from crinoid.diagnostics.plausibility.rule import magnitude, numbers, rule, unusual
+from crinoid.diagnostics.plausibility.table import FAST, LIMP
 from crinoid.foundation.axes import ANGLES as TURNING
 from crinoid.scenario import (
+    DistributedLoad,
     GaussMarkovFlow,
     GustFlow,
     SineFlow,
     SurfaceWaves,
+    TipLoad,
     TurbulenceFlow,
     shown,
 )
@@ -31,23 +33,26 @@ from crinoid.scenario.base_motion import (
 )
 from crinoid.scenario.obstacle import Plane, Seabed
 
-_BASE_SPEED, _BASE_ACCELERATION = 5.0, 20.0
-"""Largest usual speed (m/s) and acceleration (m/s2, two g) of the base, or of the tip of a stiff
-arm that it turns."""
-_DAMPED = 0.05
-"""Damping ratio that a time integrator may add to the first vibration."""
+_ROPE = 150.0
+"""Largest force per length times length cubed over EI: it bends over a fifth of the length."""
+_WOUND = 20.0
+"""Largest moment times length over EI: three turns."""
+_GREENHILL = 7.837
+"""Force per length over EI / length^3 at which a cantilever buckles (Greenhill 1881)."""
+_EULER = math.pi**2 / 4
+"""Force over EI / length^2 at which a cantilever buckles."""
+_BECK = 20.05
+"""Force that follows the tip, over EI / length^2, under which it flutters (Beck 1952)."""
+_ANGLES = (
+    *("base.tilt_deg", "base.pan_deg", "base.roll_deg", "base.channels.*.range_deg"),
+    *("base.motion.*.amplitude_deg", "base.motion.*.phase_deg", "base.motion.*.value_deg"),
+    *("flow.*.phase_deg", "flow.*.direction_deg", "flow.*.heading_deg", "target.angle_deg"),
+)
 
-Check = Callable[[Facts], Iterator[str]]
 
-
-def check(*keys: str, limit: str, quantity: str = "") -> Callable[[Check], Rule]:
-    """Return the decorator that makes a rule of a function."""
-    return lambda warnings: Rule(keys, limit, warnings, quantity)
-
-
-@check(*ANGLES, limit="no multiple of 5 degrees written in radians")
+@rule(*_ANGLES, limit="no multiple of 5 degrees written in radians")
 def _radians(facts: Facts) -> Iterator[str]:
-    for key in ANGLES:
+    for key in _ANGLES:
         for found, value, _ in numbers(facts.scenario, key):
             largest = max(map(abs, value), default=0.0) if isinstance(value, tuple) else abs(value)
             turn = math.degrees(largest)
@@ -58,19 +63,15 @@ def _radians(facts: Facts) -> Iterator[str]:
                 yield f"{found}: got {shown(value)} degrees; {hint}"
 
 
-@check("flow.*.velocity_scale", limit="a record, or a flow of a package, up to 5 m/s")
+@rule("flow", limit="up to 5 m/s each")
 def _flow_speed(facts: Facts) -> Iterator[str]:
-    speeds = {f"flow.{index}": speed for index, speed in facts.sampled_speeds.items()}
-    for index in facts.prepared.recordings:
-        speed = facts.fastest(index, facts.scenario.flow[index])
-        speeds[f"flow.{index}.velocity_scale"] = speed
-    for key, speed in speeds.items():
-        if speed > CURRENT:
-            value, usual = f"a flow of up to {speed:.3g} m/s", f"up to {CURRENT:g} m/s"
-            yield unusual(key, value, usual, "Is it in cm/s?")
+    for index, speed in facts.speeds.items():
+        if speed > FAST:
+            got, usual = f"a flow of up to {speed:.3g} m/s", f"up to {FAST:g} m/s"
+            yield unusual(f"flow.{index}", got, usual, "Is it in cm/s or mm/s?")
 
 
-@check(
+@rule(
     "base.position", limit="base and straight arm below z = 0 and, without a plane, above the bed"
 )
 def _base_height(facts: Facts) -> Iterator[str]:
@@ -96,94 +97,110 @@ def _base_height(facts: Facts) -> Iterator[str]:
         )
 
 
-@check("base.motion.*", limit="up to 5 m/s and 20 m/s2, of the base or of the tip of a stiff arm")
+@rule("base.motion.*", limit="up to 5 m/s, of the base or of the tip of a stiff arm")
 def _base_motion(facts: Facts) -> Iterator[str]:
-    hint = "Are lengths in m, angles in degrees and times in s?"
     for index, motion in enumerate(facts.scenario.base.motion):
         found = f"base.motion.{index}"
-        key, time, columns = _course(facts, found, motion)
-        for name, values in columns.items():
-            turns = name in TURNING
-            lever = facts.length if turns else 1.0
-            where = "tip of a stiff arm" if turns else "base"
-            speed, acceleration = _fastest(motion, time, values)
-            for quantity, size, most, unit in (
-                ("acceleration", lever * acceleration, _BASE_ACCELERATION, "m/s2"),
-                ("speed", lever * speed, _BASE_SPEED, "m/s"),
-            ):
-                if size > most:
-                    of = f"{quantity} of the {where} = {size:.3g} {unit}"
-                    value = f"{shown(getattr(motion, key))} ({of})"
-                    yield unusual(f"{found}.{key}", value, f"up to {most:g} {unit}", hint)
-                    break
+        for key, channel, speed in _speeds(facts, found, motion):
+            turns = channel in TURNING
+            most = speed * (facts.length if turns else 1.0)
+            if most > FAST:
+                where = "tip of a stiff arm" if turns else "base"
+                value = f"{shown(getattr(motion, key))} (speed of the {where} = {most:.3g} m/s)"
+                hint = "Are lengths in m, angles in degrees and times in s?"
+                yield unusual(f"{found}.{key}", value, f"up to {FAST:g} m/s", hint)
 
 
-def _course(
-    facts: Facts, found: str, motion: Motion
-) -> tuple[str, Float[np.ndarray, " point"], dict[str, Float[np.ndarray, " point"]]]:
-    """Return the key of a motion to blame, and its points in time (SI) by channel."""
+def _speeds(facts: Facts, found: str, motion: Motion) -> Iterator[tuple[str, str, float]]:
+    """Yield the key of a motion to blame, a channel that it moves, and its largest speed (SI)."""
     if isinstance(motion, (FileMotion, VesselMotion)):
         time, values = facts.prepared.series[found].during(facts.scenario.simulation.duration)
-        names = motion.moved(facts.scenario.arm.dimension)
-        return "file", time, dict(zip(names, values.T, strict=True))
-    suffix, none = "_deg" if motion.channel in TURNING else "", np.zeros(0)
-    if isinstance(motion, TableMotion):
-        value = {motion.channel: np.array(motion.value_si)}
-        return f"value{suffix}", np.array(motion.time), value
-    key = "frequency_hz" if isinstance(motion, SineMotion) else f"velocity{suffix}"
-    return key, none, {motion.channel: none}
+        for name, column in zip(motion.moved(facts.scenario.arm.dimension), values.T, strict=True):
+            yield "file", name, _steepest(time, column)
+        return
+    suffix = "_deg" if motion.channel in TURNING else ""
+    match motion:
+        case TableMotion():
+            steepest = _steepest(np.array(motion.time), np.array(motion.value_si))
+            yield f"value{suffix}", motion.channel, steepest
+        case SineMotion():
+            speed = abs(motion.amplitude_si) * 2 * math.pi * motion.frequency_hz
+            yield f"amplitude{suffix}", motion.channel, speed
+        case VelocityMotion():
+            yield f"velocity{suffix}", motion.channel, abs(motion.velocity_si)
 
 
-def _fastest(
-    motion: Motion, time: Float[np.ndarray, " point"], value: Float[np.ndarray, " point"]
-) -> tuple[float, float]:
-    """Return the largest speed and acceleration of a motion (SI)."""
-    if isinstance(motion, SineMotion):
-        rate = 2 * math.pi * motion.frequency_hz
-        speed = abs(motion.amplitude_si) * rate
-        return speed, speed * rate
-    if isinstance(motion, VelocityMotion):
-        speed = abs(motion.velocity_si)
-        return speed, math.pi / 2 * speed / motion.ramp_time
-    speeds = np.diff(value) / np.diff(time)
-    middles = (time[1:] + time[:-1]) / 2
-    acceleration = np.abs(np.diff(speeds) / np.diff(middles)).max(initial=0.0)
-    return float(np.abs(speeds).max()), float(acceleration)
+def _steepest(time: Float[np.ndarray, " point"], value: Float[np.ndarray, " point"]) -> float:
+    return float(np.abs(np.diff(value) / np.diff(time)).max())
 
 
-@check(
-    "load", limit="loads of packages: force times L^2 / EI up to 1000, moment times L / EI up to 20"
+@rule(
+    "load.*.force",
+    "load.*.magnitude",
+    "load.*.moment",
+    limit="force times L^2 / EI and magnitude times L^3 / EI up to 500, moment times L / EI up to "
+    "20; no push toward the root that buckles the arm",
 )
-def _sum_of_foreign_loads(facts: Facts) -> Iterator[str]:
-    for name, (push, couple) in facts.sampled[1].items():
-        for got, size, most in (
-            (f"{push:.3g} N", facts.limpness(float(push), 2), LIMP),
-            (f"{couple:.3g} N m", facts.limpness(float(couple), 1), WOUND),
+def _loads(facts: Facts) -> Iterator[str]:
+    for index, load in enumerate(facts.scenario.load):
+        if not isinstance(load, TipLoad | DistributedLoad):
+            continue
+        for key, unit, power, most in (
+            ("force", "N", 2, LIMP),
+            ("magnitude", "N/m", 3, LIMP),
+            ("moment", "N m", 1, _WOUND),
         ):
-            if size > most:
-                yield (
-                    f"load: {name} puts {got} on the arm, {size:.2g} times the scale of EI and "
-                    f"length; usual is up to {most:g}. Is it in mN or N mm?"
-                )
+            value = getattr(load, key, 0.0)
+            bent = facts.limpness(magnitude(value), power)
+            push = 0.0 if key == "moment" or not value else _push(facts, load)
+            found, got = f"load.{index}.{key}", f"{shown(value)} {unit}"
+            if bent > most:
+                factor = "L" if power == 1 else f"L^{power}"
+                got += f" ({key} times {factor} / EI = {bent:.3g})"
+                hint = f"Is it in m{unit}, or arm.youngs_modulus in kPa or MPa?"
+                yield unusual(found, got, f"up to {most:g}", hint)
+            elif push > 1:
+                text = f"pushes toward the root with {push:.2g} times the load that the arm bears"
+                yield f"{found}: got {got}, which {text}: it buckles or flutters, to either side."
 
 
-@check(
+def _push(facts: Facts, load: TipLoad | DistributedLoad) -> float:
+    """Return the push toward the root over that which buckles a cantilever, 0 for a pull."""
+    bending, along = float(facts.bending.min()), np.array(facts.direction)
+    if facts.scenario.base.mount != "clamped":
+        return 0.0
+    if isinstance(load, TipLoad):
+        push = -(load.force[0] if load.follower else float(along @ load.force))
+        return push * facts.length**2 / bending / (_BECK if load.follower else _EULER)
+    if not isinstance(load.direction, tuple):
+        return 0.0
+    way = np.array(load.direction) / math.hypot(*load.direction)
+    return -load.magnitude * float(along @ way) * facts.length**3 / bending / _GREENHILL
+
+
+@rule(
     "arm.youngs_modulus",
     "arm.section.EI",
-    limit="weight in water times L^3 / EI up to 1000; on an arm that points up, 7.8",
+    limit="weight in water, and drag of all flows together, times L^3 / EI up to 150; weight on an "
+    "arm that points up, 7.8",
 )
-def _weight(facts: Facts) -> Iterator[str]:
-    section, gravity = facts.scenario.arm.section, facts.scenario.water.gravity
-    weight = gravity * float((facts.mass - facts.displaced).mean())
+def _limp(facts: Facts) -> Iterator[str]:
+    section, water = facts.scenario.arm.section, facts.scenario.water
+    weight = water.gravity * float((facts.mass - facts.displaced).mean())
+    drag = 0.5 * water.density * water.drag_normal * facts.diameter * facts.current**2
+    loads = {"weight in water": abs(weight)}
+    if facts.current < 2 * FAST:  # faster water has a note already
+        loads["drag"] = drag
     bending = float(facts.bending.min())
     key, value = "arm.youngs_modulus", f"{facts.scenario.arm.youngs_modulus:g} Pa"
     if section.EI is not None:
         key, value = "arm.section.EI", f"{bending:g} N m2"
-    bent = facts.limpness(abs(weight), 3)
-    pushed, most = weight * facts.direction[-1], GREENHILL * bending / facts.length**3
-    if bent > LIMP:
-        value += f" (weight in water times L^3 / EI = {bent:.2g})"
-        yield unusual(key, value, f"up to {LIMP:g}", "Is it in kPa or MPa?")
+    name = max(loads, key=loads.__getitem__)
+    bent = facts.limpness(loads[name], 3)
+    pushed, most = weight * facts.direction[-1], _GREENHILL * bending / facts.length**3
+    if bent > _ROPE:
+        value += f" ({name} times L^3 / EI = {bent:.2g}: it hangs like a rope)"
+        yield unusual(key, value, f"up to {_ROPE:g}", "Is it in kPa or MPa?")
     elif facts.scenario.control.settings.balances:  # which swings up an arm that buckles
         return
     elif pushed > most and facts.scenario.base.mount == "clamped":
@@ -193,16 +210,6 @@ def _weight(facts: Facts) -> Iterator[str]:
             f"{abs(weight):.3g} N/m, to either side: it bears "
             f"{most / abs(facts.direction[-1]):.2g} N/m."
         )
-
-
-@check("flow", limit="drag of all flows together times L^3 / EI up to 1000")
-def _drag(facts: Facts) -> Iterator[str]:
-    water = facts.scenario.water
-    drag = 0.5 * water.density * water.drag_normal * facts.diameter * facts.current**2
-    bent = facts.limpness(drag, 3)
-    if bent > LIMP and facts.current < 2 * CURRENT:  # faster water has a note already
-        value = f"up to {facts.current:.3g} m/s (drag times L^3 / EI = {bent:.2g})"
-        yield unusual("flow", value, f"up to {LIMP:g}", "Is arm.youngs_modulus in kPa or MPa?")
 
 
 def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
@@ -217,6 +224,8 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
     for index, motion in enumerate(scenario.base.motion):
         if isinstance(motion, SineMotion):
             yield f"base.motion.{index}", 1 / motion.frequency_hz, 8
+    if cycle := scenario.target.period or 1 / (scenario.target.frequency_hz or math.inf):
+        yield "the period of the target", cycle, 8
     for index, flow in enumerate(scenario.flow):
         name = f"flow.{index}"
         match flow:
@@ -242,11 +251,12 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
                 yield f"the passing of obstacle.{index}", size / speed, 4
 
 
-@check(
+@rule(
     "simulation.time_step",
-    limit="8 time steps to the period of the second bending mode, of sines and gusts and to the "
-    "passing of an eddy, 16 to the peak period of waves, 4 to a period at a driven servo's "
-    "bandwidth, to a ramp and to the passing of an obstacle, 3 to a correlation time",
+    limit="8 time steps to the period of the second bending mode, of the target, of sines and "
+    "gusts and to the passing of an eddy, 16 to the peak period of waves, 4 to a period at a "
+    "driven servo's bandwidth, to a ramp and to the passing of an obstacle, 3 to a correlation "
+    "time",
 )
 def _time_step(facts: Facts) -> Iterator[str]:
     step = facts.scenario.simulation.time_step
@@ -257,34 +267,4 @@ def _time_step(facts: Facts) -> Iterator[str]:
         yield unusual("simulation.time_step", value, f"{steps:g} or more", hint)
 
 
-@check(
-    "simulation.integrator",
-    limit="implicit-euler that adds up to 5 % of critical damping to the first vibration",
-)
-def _integrator(facts: Facts) -> Iterator[str]:
-    simulation = facts.scenario.simulation
-    ratio = math.pi * simulation.time_step / facts.period
-    if simulation.integrator == "implicit-euler" and ratio > _DAMPED:
-        step = f"{_DAMPED * facts.period / math.pi:.2g}"
-        hint = f"Use simulation.time_step = {step}, or another integrator."
-        share = f"the arm's first vibration by {ratio:.0%} of critical"
-        value = f'"implicit-euler", which damps {share}'
-        yield unusual("simulation.integrator", value, f"up to {_DAMPED:.0%}", hint)
-
-
-@check("arm.damping_time", limit="0 next to arm.loss_factor")
-def _damped_twice(facts: Facts) -> Iterator[str]:
-    arm = facts.scenario.arm
-    if arm.loss_factor is not None and arm.damping_time > 0:
-        more = math.pi * facts.frequencies[0] * arm.damping_time
-        asked = arm.loss_factor.value / 2
-        hint = f"It adds up to {more:.2g} to the first damping ratio, {asked:.2g} of loss_factor."
-        value = f"{arm.damping_time:g} s"
-        yield unusual("arm.damping_time", value, "0 next to arm.loss_factor", hint)
-
-
-BASIC_CHECKS = (_radians, _flow_speed)
-CHECKS = (
-    *(_base_height, _base_motion, _sum_of_foreign_loads, _weight, _drag),
-    *(_time_step, _integrator, _damped_twice),
-)
+CHECKS = (_radians, _base_height, _flow_speed, _base_motion, _loads, _limp, _time_step)

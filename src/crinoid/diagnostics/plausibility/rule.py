@@ -9,6 +9,8 @@ import numpy as np
 from crinoid.assembly.facts import Facts
 from crinoid.scenario import shown
 
+Notes = Callable[[Facts], Iterator[str]]
+"""Yields a note that begins with the key for each implausible value."""
 Of = Callable[[Facts, Any, Any], Any]
 """From the facts, the value of a key and the table that contains it to one quantity or several;
 None where the rule does not apply."""
@@ -20,15 +22,17 @@ class Rule(NamedTuple):
     keys: tuple[str, ...]
     """The keys of a scenario that it judges; ``*`` matches any number or name."""
     limit: str
-    """The usual range, in words."""
-    warnings: Callable[[Facts], Iterator[str]]
-    """Yields a note that begins with the key for each implausible value."""
-    quantity: str = ""
-    """The quantity with this range, where it is not the value of the key."""
+    """What is usual, in words."""
+    notes: Notes
+
+
+def rule(*keys: str, limit: str) -> Callable[[Notes], Rule]:
+    """Return the decorator that makes a rule of a function."""
+    return lambda notes: Rule(keys, limit, notes)
 
 
 def range_rule(
-    key: str,
+    keys: str,
     low: float,
     high: float,
     unit: str = "",
@@ -42,15 +46,15 @@ def range_rule(
 ) -> Rule:
     """Return the rule that a value, or a quantity that follows from it, lies in a range.
 
-    A ``*`` in the key matches any number or name. ``of`` computes the quantity. Without it the
-    value itself counts, a vector by its length, and 0 is always plausible. ``limit`` is the range
-    in words, ``below`` and ``above`` are hints on the likely mistake.
+    A comma separates keys; a ``*`` in one matches any number or name. ``of`` computes the quantity.
+    Without it the value itself counts, a vector by its length, and 0 is always plausible. ``limit``
+    is the range in words, ``below`` and ``above`` are hints on the likely mistake.
     """
     suffix = f" {unit}" if unit else ""
-    limit = limit or _range(low, high, quantity_unit if of else unit)
+    limit, each = limit or _range(low, high, quantity_unit if of else unit), keys.split(", ")
 
-    def warnings(facts: Facts) -> Iterator[str]:
-        for found, value, table in numbers(facts.scenario, key):
+    def notes(facts: Facts) -> Iterator[str]:
+        for found, value, table in (one for key in each for one in numbers(facts.scenario, key)):
             size = of(facts, value, table) if of else magnitude(value) or None
             outside = [x for x in np.ravel(size) if x < low or x > high] if size is not None else []
             if outside:
@@ -58,7 +62,7 @@ def range_rule(
                 hint = (below if outside[0] < low else above) or (f"Is it in {unit}?" * bool(unit))
                 yield unusual(found, f"{shown(value)}{suffix}{because if of else ''}", limit, hint)
 
-    return Rule((key,), limit, warnings, quantity)
+    return Rule(tuple(each), f"{quantity}: {limit}" if quantity else limit, notes)
 
 
 def unusual(key: str, value: str, usual: str, hint: str = "") -> str:
@@ -79,28 +83,6 @@ def _range(low: float, high: float, unit: str) -> str:
     return f"{words} {unit}".rstrip()
 
 
-def start_rule(key: str, hint: str = "", *, controlled: bool = False) -> Rule:
-    """Return the rule that something starts before the end of a run."""
-
-    def left(facts: Facts, value: Any, _: Any) -> float | None:
-        if controlled and not facts.scenario.control.acts:
-            return None
-        start = value[0] if isinstance(value, tuple) else value
-        return facts.scenario.simulation.duration - float(start)
-
-    return range_rule(
-        key,
-        math.ulp(0.0),
-        math.inf,
-        "s",
-        quantity="time left in the run",
-        quantity_unit="s",
-        of=left,
-        limit="before the end of the run",
-        below=hint or "It never starts.",
-    )
-
-
 def numbers(root: Any, key: str) -> Iterator[tuple[str, Any, Any]]:
     """Yield each number or vector that a key matches: its own key, value and table."""
     found: list[tuple[str, Any, Any]] = [("", root, None)]
@@ -117,8 +99,6 @@ def numbers(root: Any, key: str) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _entries(parent: Any, part: str) -> list[tuple[Any, Any]]:
-    if part == "0" and parent is not None:
-        return [(0, parent[0])]
     if part != "*":
         found = getattr(parent, part, None)
         return [(part, getattr(parent, f"{part}_", None) if found is None else found)]

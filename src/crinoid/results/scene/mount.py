@@ -56,10 +56,9 @@ def find_mount(result: Result) -> ArmMount:
         for name in map(str, data["channel"].values):
             for kind in _POSES & set(data):
                 poses[kind, name] = np.asarray(data[kind].sel(channel=name).values, float)
-            if "channel_lower" in data:
-                ends = (data[f"channel_{end}"].sel(channel=name) for end in ("lower", "upper"))
-                low, high = map(float, ends)
-                travel[name] = low, high
+            ends = (data[f"channel_{end}"].sel(channel=name) for end in ("lower", "upper"))
+            low, high = map(float, ends)
+            travel[name] = low, high
     scenario, _ = result.readable  # without one the base points along the first edge
     return mount_of(scenario, in_space(data.isel(node=[0, 1]), "position"), poses, travel)
 

@@ -164,7 +164,7 @@ def joints_of(data: xr.Dataset, topic: str) -> list[tuple[str, str, int]]:
     for variable, dim in _JOINTS[topic].items():
         if variable in data:
             moves = np.ones(data.sizes[dim], bool)
-            if dim == "channel" and "channel_lower" in data:
+            if dim == "channel":
                 moves = (data["channel_lower"] < data["channel_upper"]).values
             names = map(str, data[dim].values)
             found += [(variable, name, k) for k, name in enumerate(names) if moves[k]]

@@ -149,6 +149,8 @@ _FINDINGS = {
             **dict.fromkeys(("given", "found", "standard_error"), ("parameter",)),
             **dict.fromkeys(("measured", "computed", "computed_before"), ("time", "quantity")),
             "set_aside": ("time",),
+            "marker": ("time",),
+            "hold": ("time",),
         },
         {"identify.png": draw_identification},
     ),

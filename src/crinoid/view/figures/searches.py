@@ -110,7 +110,7 @@ def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> s
     names_of = ("measured", "computed", "computed_before")
     measured, after, before = (factor * rows[each].values for each in names_of)
     time, aside = rows["time"].values, rows["set_aside"].values.astype(bool)
-    marker, hold = (_labels(rows, each) for each in ("marker", "hold"))
+    marker, hold = (rows[each].values for each in ("marker", "hold"))
     size, words = 2.0, "time (s)"
     if hold.any():
         labels = list(dict.fromkeys(hold.tolist()))
@@ -137,11 +137,6 @@ def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> s
     lower.axhline(0.0, color=GREY, linewidth=0.8)
     lower.set_ylabel("residual")
     return words
-
-
-def _labels(rows: xr.Dataset, name: str) -> np.ndarray:
-    none = np.full(rows.sizes["time"], "")
-    return rows[name].values if name in rows.coords else none  # not in files of earlier versions
 
 
 _UNITS = {**dict.fromkeys(("x", "y", "z"), (1e3, " (mm)")), "angle": (180.0 / np.pi, " (deg)")}

@@ -176,7 +176,7 @@ def _group(data: xr.Dataset, channels: list[str], tall: float) -> Panel:
     The pose is drawn where a motion is prescribed, which would look like a servo that fails.
     """
     time, command, pose = data["time"].values, data["base_command"], data["base_pose"]
-    servo = data.get("base_servo", pose)  # older results have none
+    servo = data["base_servo"]
     turns = channels[0] in ANGLES
     most = largest(*(part.sel(channel=channels).values for part in (command, servo, pose)))
     unit = DEGREES if turns else length_unit(most)
@@ -201,7 +201,7 @@ def _group(data: xr.Dataset, channels: list[str], tall: float) -> Panel:
 
 def _limits(data: xr.Dataset, channels: list[str], drawn: list[np.ndarray]) -> list[Level]:
     """Return the ends of the travel of channels that the traces come near."""
-    if "channel_lower" not in data or not drawn:  # of an earlier version
+    if not drawn:
         return []
     low, high = min(map(np.nanmin, drawn)), max(map(np.nanmax, drawn))
     room = 2 * _NEAR * (high - low)
