@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +89,8 @@ def check_element(element: Element, place: str, system: System) -> None:
     window = jax.tree.map(lambda leaf: leaf[0], element)
     memory = _trace(name, window, "steady", (motion,), hint=" or None")
     if memory is not None:
-        motion = replace(motion, memory=memory, step=_shape())
+        at = (lambda m: (m.memory, m.step), motion, (memory, _shape()))
+        motion = eqx.tree_at(*at, is_leaf=lambda x: x is None)
         _trace(name, window, "advance", (motion,), memory)
     _trace(name, window, "residual", (motion,), motion.position)
     _trace(name, window, "energy", (motion,), _shape())

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.elements import HullContact, Motion, SelfContact, VehiclePose
 
 Rows = Float[Array, "rows b"]
-Windows = tuple[SelfContact | HullContact, Int[Array, "w k"], Motion]
+Windows = tuple[SelfContact | HullContact, Int[Array, "near k"], Motion]
 
 NODES = 4
 """Rows of a window that are nodes of the arm; the others follow from a vehicle."""
@@ -101,7 +101,7 @@ class FarContact(eqx.Module):
 
     def pressing(
         self, gaps: Float[Array, " w"]
-    ) -> tuple[SelfContact | HullContact, Int[Array, "w k"]]:
+    ) -> tuple[SelfContact | HullContact, Int[Array, "near k"]]:
         """Return contacts and rows of windows, at least of all with a force, by the gaps (m)."""
         return self.contact, jnp.asarray(self.nodes)
 

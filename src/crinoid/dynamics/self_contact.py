@@ -97,7 +97,7 @@ class FarEdges(FarContact):
         still, exactly = jnp.all(apart & (farthest <= room)), super().resolved
         return jax.lax.cond(still, lambda: still, lambda: exactly(moved, before, after, step))
 
-    def pressing(self, gaps: Float[Array, " pair"]) -> tuple[SelfContact, Int[Array, "w 4"]]:
+    def pressing(self, gaps: Float[Array, " pair"]) -> tuple[SelfContact, Int[Array, "near 4"]]:
         contact, nodes = self.contact, jnp.asarray(self.nodes)
         if self.most < len(nodes):
             _, at = jax.lax.top_k(-gaps, self.most)
