@@ -207,29 +207,30 @@ def equilibrium(
         bare = last | search.settled | ~search.loaded
 
         def attempt(
-            trial: tuple[Rows, Surroundings, Array], solves: Bool[Array, ""]
-        ) -> tuple[tuple[Rows, Surroundings, Array], Outcome]:
+            trial: tuple[Rows, Surroundings, Array, Rows], solves: Bool[Array, ""]
+        ) -> tuple[tuple[Rows, Surroundings, Array, Rows], Outcome]:
             # a solve is most of the program, so it is traced once; without iterations it
             # evaluates the residual
-            correction, around, shift = trial
+            correction, around, shift, floor = trial
             medium = jnp.where(bare, 0.0, shift)
             stage = static_stage(time, shape.position, shape.frames, medium)
             around = jax.lax.cond(
                 solves, lambda: around, lambda: forces.surroundings(stage, correction)
             )
             most = jnp.where(solves, judged.max_iterations, 0)
-            correction, _, outcome, _ = solve(
+            correction, _, outcome, reused = solve(
                 Balance(forces, around, stage, load_factor),
                 correction,
                 replace(judged, max_iterations=most),
-                no_tangent,
+                replace(no_tangent, floor=floor),
             )
             fastest = rates.stiffest + rates.by_load * outcome.scale / load_factor
-            return (correction, around, jnp.where(shift < 0, fastest, shift)), outcome
+            shift = jnp.where(shift < 0, fastest, shift)
+            return (correction, around, shift, reused.floor), outcome
 
         # the residual of the shape, a solve, and the residual in the water at the new shape
-        (correction, _, known_shift), outcomes = jax.lax.scan(
-            attempt, (none, no_water, search.shift), jnp.array([False, True, False])
+        (correction, _, known_shift, _), outcomes = jax.lax.scan(
+            attempt, (none, no_water, search.shift, none), jnp.array([False, True, False])
         )
         before, solved, outcome = (jax.tree.map(itemgetter(k), outcomes) for k in range(3))
         nearer = outcome.residual <= _NEARER * before.residual
