@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import IntEnum
 from typing import Any, TypeVar
 
@@ -201,10 +202,10 @@ _GROWTH = 8.0
 
 
 class Progress(eqx.Module):
-    """Statistics of a time step and its substeps."""
+    """Statistics of the solves of one or several time steps."""
 
-    outcome: Outcome
-    """Outcome of the last solve."""
+    outcome: Outcome | None
+    """Outcome of the last solve; None where only sums are kept."""
     residual: Float[Array, ""]
     """Largest imbalance of a substep that succeeded (N)."""
     error: Float[Array, ""]
@@ -214,6 +215,23 @@ class Progress(eqx.Module):
     iterations: Int[Array, ""]
     """Newton iterations of all solves, failed ones included."""
 
+    @staticmethod
+    def of_nothing(outcome: Outcome | None = None) -> "Progress":
+        """Return the statistics of no solves."""
+        zero, none = jnp.zeros(()), jnp.asarray(0)
+        return Progress(outcome, zero, zero, none, none)
+
+    def with_solve(self, outcome: Outcome) -> "Progress":
+        """Return the statistics with one more solve."""
+        good = outcome.converged
+        return Progress(
+            outcome,
+            jnp.maximum(self.residual, jnp.where(good, outcome.residual, 0.0)),
+            jnp.maximum(self.error, jnp.where(good, outcome.error, 0.0)),
+            self.steps + good,
+            self.iterations + outcome.iterations,
+        )
+
 
 def halve(
     step: Callable[[Any, Array], tuple[Any, Outcome]],
@@ -221,9 +239,11 @@ def halve(
     length: Float[Array, ""],
     max_halvings: Int[Array, ""],
     max_error: Float[Array, ""],
+    before: Progress,
 ) -> tuple[Any, Progress]:
     """Advance a state, any pytree, by ``length`` (s), in substeps where ``step`` fails.
 
+    The statistics of its solves add to those of the time steps ``before``.
     The shortest substep is ``2**-max_halvings`` of the length; if it fails too, the last good state
     comes back with a failed outcome. A substep is doubled again where the longer one is expected
     to keep within ``max_error`` (m).
@@ -248,22 +268,13 @@ def halve(
         part = jnp.where(good, longer, part // 2)
         return (
             accepted,
-            Progress(
-                outcome,
-                jnp.maximum(progress.residual, jnp.where(good, outcome.residual, 0.0)),
-                jnp.maximum(progress.error, jnp.where(good, outcome.error, 0.0)),
-                progress.steps + good,
-                progress.iterations + outcome.iterations,
-            ),
+            progress.with_solve(outcome),
             done,
             part,
         )
 
-    nothing, zero = jnp.asarray(0), jnp.zeros(())
-    unsolved = Outcome.of_nothing(converged=False)
+    unsolved = replace(before, outcome=Outcome.of_nothing(converged=False))
     state, progress, _, _ = jax.lax.while_loop(
-        unfinished,
-        attempt,
-        (state, Progress(unsolved, zero, zero, nothing, nothing), nothing, whole),
+        unfinished, attempt, (state, unsolved, jnp.asarray(0), whole)
     )
     return state, progress
