@@ -16,27 +16,17 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import TangentFactors
+from crinoid.foundation.fixed_numbers import (
+    AGED_CONTRACTION,
+    CHORD_MARGIN,
+    NOISE,
+    ROUNDING,
+    STALLED,
+)
 from crinoid.rod import Rod
 
 SOLVED = "solved"
 """Name of solutions under `jax.checkpoint`, for a policy that saves them."""
-_ROUNDING = 4 * float(np.finfo(float).eps)
-"""Floor over the effect of the rounded numbers on the residual.
-
-Eight times their largest round-off, eps / 2, because elements round as well. Inertia counts as if
-it followed from positions; that is more than its round-off, and matters in steps below 0.1 ms.
-"""
-_NOISE = 1 / 16
-"""Share of mean round-off, eps / 4, in the floor."""
-_MARGIN = 4.0
-"""Safety factor on the expected success of an iteration with an old tangent."""
-_AGED = 1e-3
-"""Least contraction assumed for the tangent of an earlier step.
-
-That of a new tangent may be far less, which says nothing about the next step.
-"""
-_STALLED = 0.5
-"""Contraction above which an iteration makes no progress."""
 
 
 class Settings(eqx.Module):
@@ -185,7 +175,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
     touches = end.touches
     if forces.far_contacts and searches:
         touches |= jax.lax.cond(again, lambda: _touches(balance, end.correction), lambda: again)
-    contraction = jnp.where(touches, jnp.inf, jnp.maximum(end.contraction, _AGED))
+    contraction = jnp.where(touches, jnp.inf, jnp.maximum(end.contraction, AGED_CONTRACTION))
     reused = ReusedTangent(end.tangent, contraction, stage.by_acceleration, end.floor)
     return end.correction, end.residual[:BOUNDARY_NODES], outcome, reused
 
@@ -208,11 +198,11 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
         contraction = jnp.where(
             carry.count > 0, outcome.residual / before.residual, carry.contraction
         )
-        allowed = settings.tolerance * outcome.scale + _NOISE * floor
+        allowed = settings.tolerance * outcome.scale + NOISE * floor
         # a reused tangent may need two iterations: they cost less than one with a new tangent
         left_over = jnp.where(carry.count > 0, contraction, contraction**2) * unbalanced
-        suffices = jnp.all(_MARGIN * left_over <= allowed) & ~carry.touches
-        stalled = outcome.converged & carry.refresh & (contraction > _STALLED)
+        suffices = jnp.all(CHORD_MARGIN * left_over <= allowed) & ~carry.touches
+        stalled = outcome.converged & carry.refresh & (contraction > STALLED)
         # corrections below round-off, which change nothing
         stalled |= carry.refresh & jnp.all(residual == carry.residual)
         # the tangent of an earlier step failed: back to the guess, with one of this step
@@ -231,7 +221,7 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
                 whole = balance.tangent(motion)
                 # a prediction and its correction may be far larger than their sum
                 rounded = jnp.abs(motion.position) + jnp.abs(correction)
-                floor = _ROUNDING * whole.times_sizes(rounded)
+                floor = ROUNDING * np.finfo(float).eps * whole.times_sizes(rounded)
                 return whole.factorise(), floor, whole.solve_touching(-residual), whole.touches
 
             def kept() -> tuple[TangentFactors, Rows, Rows | None, Array]:

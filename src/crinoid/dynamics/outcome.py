@@ -16,12 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
 from crinoid.foundation.axes import LARGEST_TURN
+from crinoid.foundation.fixed_numbers import ERROR_GROWTH, KNOWN_ROUND_OFF, UNSEEN_BEND
 from crinoid.rod.reference import Reference
-
-_KNOWN = 0.01
-"""Largest round-off of forces that goes unreported, over the largest force on the base."""
-_BENDS = 1e-6
-"""Largest force that bends an arm imperceptibly, over EI / L^2."""
 
 
 def round_off_note(
@@ -42,7 +38,7 @@ def round_off_note(
         Largest force on the base (N).
     """
     noise = 2 * np.finfo(float).eps * stretching * length / edge
-    if noise <= max(_KNOWN * largest, _BENDS * bending / length**2):
+    if noise <= max(KNOWN_ROUND_OFF * largest, UNSEEN_BEND * bending / length**2):
         return ""
     return (
         f"forces are accurate to {noise:.2g} N only, the round-off of an arm this stiff to "
@@ -197,10 +193,6 @@ def cos_turn_angle(forces: Forces, position: Float[Array, "rows b"]) -> Float[Ar
     return jnp.where(resists, cosine, 1.0)
 
 
-_GROWTH = 8.0
-"""Growth of the local error of a method of order 2 when a step is doubled."""
-
-
 class Progress(eqx.Module):
     """Statistics of the solves of one or several time steps."""
 
@@ -263,7 +255,7 @@ def halve(
         accepted = jax.lax.cond(good, lambda: new, lambda: state)
         done = done + jnp.where(good, part, 0)
         # after a success double the substep, if the time reached is a multiple of the longer one
-        room = _GROWTH * outcome.error <= max_error
+        room = ERROR_GROWTH * outcome.error <= max_error
         longer = jnp.where((done % (2 * part) == 0) & (part < whole) & room, 2 * part, part)
         part = jnp.where(good, longer, part // 2)
         return (

@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, surfaces
+from crinoid.elements.contact import SoftSkin, closest_of_cores, surfaces
 from crinoid.elements.element import Motion
 from crinoid.elements.self_contact import carried
+from crinoid.foundation.fixed_numbers import EASE, SKIN
 from crinoid.numerics.frames import cross, rotate_90, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
