@@ -7,7 +7,7 @@ import pytest
 
 import crinoid
 from crinoid.assembly.control_loop import build_sensors
-from crinoid.elements.contact import SKIN
+from crinoid.foundation.fixed_numbers import SKIN
 from crinoid.scenario import Scenario
 from helpers.refusals import refused
 

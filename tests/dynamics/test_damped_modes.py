@@ -133,8 +133,8 @@ def test_a_large_arm_is_solved_among_its_slowest_undamped_modes_to_the_same(monk
     for strung in (None, lines):
         whole = find_damped_modes(*given, strung)
         with monkeypatch.context() as patched:
-            patched.setattr("crinoid.dynamics.damped_modes._DENSE", 10)
-            patched.setattr("crinoid.dynamics.damped_modes._SPARE", 4)
+            patched.setattr("crinoid.dynamics.damped_modes.DENSE_UNKNOWNS", 10)
+            patched.setattr("crinoid.dynamics.damped_modes.SPARE_MODES", 4)
             found = find_damped_modes(*given, strung)
         assert (whole.damping_ratio > 1e-3).all()
         for one, other in zip(found, whole, strict=True):

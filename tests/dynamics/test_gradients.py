@@ -120,7 +120,6 @@ def varied(axes, parameters):
         limits=limits,
         time_step=0.02,
         tolerance=1e-13,
-        floor=1e-11,
         **(planar if axes == 2 else spatial)(p),
     )
 

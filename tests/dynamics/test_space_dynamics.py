@@ -171,7 +171,6 @@ def test_an_arm_confined_to_the_plane_moves_as_the_planar_arm():
             linear_drag=0.5,
             tilt=0.3,
             tolerance=1e-13,
-            floor=1e-11,
             swing={"slide": 0.05, "heave": -0.04, "tilt": 0.2},
             onset=(0.0, 0.3),
             tool=1.0,

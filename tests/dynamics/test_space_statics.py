@@ -141,9 +141,7 @@ def test_every_load_at_once_is_the_boundary_value_problems_solution():
     assert np.linalg.norm(exact[0] - rest[:3]) > 0.3
     errors = np.array(
         [
-            differences(
-                loaded(nodes, **turns, **BODY, **LOADS, floor=1e-10, tolerance=1e-12), exact
-            )
+            differences(loaded(nodes, **turns, **BODY, **LOADS, tolerance=1e-12), exact)
             for nodes in MESHES
         ]
     )
@@ -159,7 +157,7 @@ def test_a_pinned_root_bears_no_bending_but_a_torque():
     # about either is the same. Follower loads would spin the arm for ever
     loads = {"dead": (0.3, 0.2, 0.0), "moment": (0.1, 0.2, -0.4), "gravity": 4.0}
     turns = {"pan": 0.4, "tilt": -0.9, "roll": 0.8}
-    system = loaded(21, **turns, **BODY, **loads, pinned=True, floor=1e-10, tolerance=1e-12)
+    system = loaded(21, **turns, **BODY, **loads, pinned=True, tolerance=1e-12)
     state = equilibrium(system)
     clamp, first = np.diff(np.asarray(state.position)[:3], axis=0)
     clamp, first = clamp / np.linalg.norm(clamp), first / np.linalg.norm(first)
@@ -185,9 +183,7 @@ def test_a_hanging_arm_winds_up_by_its_torque(torque, case):
     # M L / GJ in all: the last edge's middle is half an edge before the tip
     assert torque**2 / 4 < 100
     nodes, turn = 11, torque / (2 / 3)
-    system = loaded(
-        nodes, tilt=-UPRIGHT, roll=0.3, EA=1e4, floor=1e-10, moment=(0.0, 0.0, -torque), **case
-    )
+    system = loaded(nodes, tilt=-UPRIGHT, roll=0.3, EA=1e4, moment=(0.0, 0.0, -torque), **case)
     state = equilibrium(system)
     np.testing.assert_allclose(np.asarray(state.position)[:, :2], 0, atol=1e-9)
     orientation = state.motion.orientation
@@ -236,7 +232,6 @@ def test_an_arm_of_even_curvature_and_twist_is_a_helix():
             roll=1.1,
             rest_curvature=(*kappa, tau),
             EA=1e3,
-            floor=None,
             GJ=0.8,
             EI=(1.0, 1.6),
         )
@@ -260,7 +255,7 @@ def test_a_column_buckles_in_its_weak_direction(kind):
 
     @cache
     def straight(nodes):
-        return equilibrium(slender.loaded(nodes, **case, tilt=UPRIGHT, floor=None))
+        return equilibrium(slender.loaded(nodes, **case, tilt=UPRIGHT))
 
     def softness(load, nodes, direction=None):
         """Return the lowest stiffness sideways, and in which direction it is, or in the given."""
@@ -317,7 +312,7 @@ def test_a_column_that_hardly_bends_the_other_way_leans_just_past_its_buckling_l
     # than Euler's load P
     excess = load * (1 + CRITICAL["tip"] / (12 * (nodes - 1) ** 2))
     exact = elastica((UPRIGHT + 0.1, UPRIGHT + 1.5), tilt=UPRIGHT, dead=(0.0, -excess))
-    soft = {"EI": (1e-4, 1.0), "GJ": 1e-2, "EA": 1e4, "floor": 1e-10}
+    soft = {"EI": (1e-4, 1.0), "GJ": 1e-2, "EA": 1e4}
     system = loaded(nodes, tilt=UPRIGHT, dead=(0.0, 0.0, -1e-4 * load), **soft)
     place = np.asarray(equilibrium(system).position)[-1]  # m_1 lies along y
     np.testing.assert_allclose([abs(place[1]), place[2]], [-exact.x, exact.z], atol=1.5e-4)

@@ -10,8 +10,8 @@ from crinoid.base import VelocityMotion
 from crinoid.dynamics import Integrator
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import DistributedLoad, TipLoad
-from crinoid.elements.contact import EASE, SKIN
 from crinoid.flow import PowerShear
+from crinoid.foundation.fixed_numbers import EASE, SKIN
 from crinoid.numerics.ramp import Onset
 from helpers.arms import Kept, acting, always, arm, obstacles, order
 from helpers.touching import (

@@ -14,8 +14,8 @@ import crinoid
 from crinoid.dynamics import ActingForces, Context, EnergyAccount, System
 from crinoid.dynamics.statics import static_stage
 from crinoid.elements import WORKS, Threads
-from crinoid.elements.tendon_friction import ADHESION
 from crinoid.elements.threads import Sliding
+from crinoid.foundation.fixed_numbers import ADHESION
 from helpers.arms import dense, order
 from helpers.newton_steps import slopes
 

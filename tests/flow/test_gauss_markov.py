@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from crinoid.flow import GaussMarkov
-from crinoid.flow.turbulence import POINTS_PER_CORRELATION_TIME
+from crinoid.foundation.fixed_numbers import POINTS_PER_CORRELATION_TIME
 from crinoid.numerics.ramp import Onset
 
 T = 0.5

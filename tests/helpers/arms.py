@@ -85,7 +85,6 @@ def arm(
     integrator: Integrator | None = None,
     time_step: float = 0.01,
     tolerance: float = 1e-10,
-    floor: float | None = None,
     max_iterations: int = 30,
     max_halvings: int = 8,
     max_error: float = np.inf,
@@ -96,7 +95,6 @@ def arm(
     """Build an arm; without further words a light, nearly inextensible one in a vacuum.
 
     ``EA`` and ``EI`` of None are those of the round section of ``radius`` and ``youngs_modulus``.
-    ``floor`` replaces the imbalance (N) that Newton's method puts up with as round-off.
     An arm of 3 ``axes`` is spatial.
     ``relaxation``: rows ratio, time of the Maxwell branches.
     ``limits``: rows lower, upper, speed, acceleration, bandwidth; columns the channels.
@@ -142,8 +140,6 @@ def arm(
         ]
     elements += [load(rod) for load in loads]
     settings = Settings.for_rod(rod, tolerance, max_iterations)
-    if floor is not None:
-        settings = eqx.tree_at(lambda s: s.floor, settings, jnp.asarray(floor, float))
     return System(
         reference=rod.reference,
         forces=Forces(

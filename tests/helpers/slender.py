@@ -55,7 +55,6 @@ def loaded(
     settings = {
         "EA": EA,
         "GJ": 2 / 3,
-        "floor": FLOOR,
         "water_density": 1.0,
         "diameter": 2.0,
         "drag_normal": 1.0,

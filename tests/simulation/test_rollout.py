@@ -11,7 +11,7 @@ import pytest
 
 import crinoid
 from crinoid.dynamics import Reason
-from crinoid.elements.contact import SKIN
+from crinoid.foundation.fixed_numbers import SKIN
 from crinoid.simulation import glance
 from helpers.arms import QUICKLY, acting
 

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from crinoid.elements.tendon_friction import ADHESION
+from crinoid.foundation.fixed_numbers import ADHESION
 from crinoid.scenario import Scenario
 from crinoid.simulation import simulate
 from crinoid.view.figures.style import BLUE, GREY, INK, VERMILLION

@@ -115,12 +115,7 @@ def assemble(parameters: Parameters) -> System:
         ),
         base=held,
         integrator=simulation.integrator,
-        settings=Settings.for_rod(
-            rod,
-            simulation.tolerance,
-            simulation.max_iterations,
-            0.0 if lines is None else jnp.max(lines.stiffness * jnp.abs(lines.rest)) / rod.length,
-        ),
+        settings=Settings.for_rod(rod, simulation.tolerance, simulation.max_iterations),
         time_step=simulation.time_step,
         # infinite where it is not asked for, which has no slope
         max_error=jax.lax.stop_gradient(simulation.error * arm.length),

@@ -74,8 +74,7 @@ def find_defect(
     The defect is stored energy less works since the start. Its scale is the largest change of any
     one stored energy or work, or the energy that a step cannot resolve, ``step_energy`` (J,
     `unresolved_vibrations`). In an arm at rest the errors of the solver do not count: the final
-    imbalance of the steps and the ``floor`` of round-off (N, `crinoid.dynamics.Settings.floor`),
-    along the paths of the nodes.
+    imbalance of the steps and the ``floor`` of round-off (N), along the paths of the nodes.
     """
     finite = np.isfinite(dataset["energy"].transpose("time", "kind").values).all(axis=1)
     if not finite.all():  # the status of the run reports it

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.lock_in import lock_in_note
 from crinoid.dynamics import GripState, round_off_note
-from crinoid.dynamics.self_contact import CANDIDATES
 from crinoid.elements.water import cylinder_drag
+from crinoid.foundation.fixed_numbers import CANDIDATES
 from crinoid.results.chunks import pieces
 from crinoid.results.dimensionless import MOTION, length_share, normal_velocity
 from crinoid.results.loads import largest_strain

@@ -15,21 +15,16 @@ from crinoid.dynamics.modes import (
     round_off,
 )
 from crinoid.dynamics.tangent import LineStiffness
+from crinoid.foundation.fixed_numbers import (
+    DENSE_UNKNOWNS,
+    NEGLIGIBLE_PART,
+    RATE_SOLVES,
+    REFINED,
+    SETTLED_RATE,
+    SPARE_MODES,
+    UNDAMPED,
+)
 from crinoid.numerics import banded
-
-_DENSE = 400
-"""Number of unknowns up to which the problem is solved in dense matrices."""
-_SPARE = 40
-"""Undamped modes that span a larger problem, besides two for each mode requested."""
-_REAL = 1e-7
-"""Relative size of a negligible part of an eigenvalue: a double root has half the digits."""
-_UNDAMPED = 1e-10
-"""Relative size of a real part that is round-off."""
-_REFINED = 1e-9
-"""Relative change of an eigenvalue at which its refinement ends."""
-_SETTLED = 1e-8
-"""Relative change of the rate of a mode of a relaxing material at which it has settled."""
-_SOLVES = 30
 
 
 class DampedModes(NamedTuple):
@@ -90,11 +85,11 @@ def find_relaxing_modes(
     rows = [modes] * modes.frequency.size
     for index in range(len(rows)):
         rate = np.inf + 0j
-        for _ in range(_SOLVES):
+        for _ in range(RATE_SOLVES):
             row = rows[index]
             before = rate
             rate = complex(-row.decay_rate[index], 2 * np.pi * row.frequency[index])
-            if abs(rate - before) <= _SETTLED * abs(rate):
+            if abs(rate - before) <= SETTLED_RATE * abs(rate):
                 break
             more, viscous = relaxing.acting(rate)
             rows[index] = find_damped_modes(
@@ -135,11 +130,11 @@ def find_damped_modes(
     K, C, M = map(of_free, (stiffness, damping, mass))
     unknowns, size = K.shape[0], stiffness.shape[-1]
     pull, follow = of_lines(lines, unknowns)
-    whole = unknowns <= _DENSE
+    whole = unknowns <= DENSE_UNKNOWNS
     try:
         basis = np.eye(unknowns)
         if not whole:
-            known = find_modes(stiffness, mass, 2 * count + _SPARE, lines)
+            known = find_modes(stiffness, mass, 2 * count + SPARE_MODES, lines)
             basis = known.shape[:, 1:].reshape(-1, unknowns).T
         k, c, m = (basis.T @ (A @ basis) for A in (K, C, M))
         k += (basis.T @ pull) @ (follow @ basis)
@@ -174,12 +169,12 @@ def _slow(
     ``lambda^2 + c lambda + k``, with ``k`` of the shape, the slower; for negative ``k`` the one
     that grows. Return rates, shapes and ``k``.
     """
-    rates = np.where(np.abs(rates.imag) <= _REAL * np.abs(rates), rates.real, rates)
-    rates = np.where(np.abs(rates.real) <= _UNDAMPED * np.abs(rates), 1j * rates.imag, rates)
+    rates = np.where(np.abs(rates.imag) <= NEGLIGIBLE_PART * np.abs(rates), rates.real, rates)
+    rates = np.where(np.abs(rates.real) <= UNDAMPED * np.abs(rates), 1j * rates.imag, rates)
     vectors = vectors / np.linalg.norm(vectors, axis=0)
     own = np.einsum("ij,ik,kj->j", vectors.conj(), stiffness, vectors).real
     squared = np.abs(rates) ** 2
-    slower = (squared <= np.abs(own) * (1 + _REAL)) & ((own >= 0) | (rates.real >= 0))
+    slower = (squared <= np.abs(own) * (1 + NEGLIGIBLE_PART)) & ((own >= 0) | (rates.real >= 0))
     chosen = np.flatnonzero(np.where(rates.imag == 0, slower, rates.imag > 0))
     rates = np.where((np.abs(own) <= nothing) & (squared <= nothing), 0.0, rates)
     order = chosen[np.argsort(np.where(rates.imag == 0, own, squared)[chosen], kind="stable")]
@@ -212,13 +207,15 @@ def _in_phase(
     shapes = basis @ vectors
     first = 0
     for last in range(1, rates.size + 1):
-        if last < rates.size and abs(rates[last] - rates[first]) <= _REAL * abs(rates[first]):
+        if last < rates.size and abs(rates[last] - rates[first]) <= NEGLIGIBLE_PART * abs(
+            rates[first]
+        ):
             continue
         alike = last - first
         if alike > 1:
             parts = np.hstack([vectors[:, first:last].real, vectors[:, first:last].imag])
             real, weight, _ = np.linalg.svd(parts, full_matrices=False)
-            if weight[alike:].max(initial=0.0) <= _REAL * weight[0]:
+            if weight[alike:].max(initial=0.0) <= NEGLIGIBLE_PART * weight[0]:
                 moved = basis @ real[:, :alike]
                 aside = moved[1::size] if size > 2 else moved
                 shapes[:, first:last] = moved @ np.linalg.eigh(aside.T @ aside)[1]
@@ -242,14 +239,14 @@ class _Problem(NamedTuple):
         dynamic = self.stiffness + rate * self.damping + rate**2 * self.mass
         solve = inverse(dynamic, self.pull, self.follow)
         real = not np.imag(rate)
-        for _ in range(_SOLVES):
+        for _ in range(RATE_SOLVES):
             stiff, damped, heavy = self._forces(shape)
             shape = shape - solve(stiff + rate * damped + rate**2 * heavy)
             shape /= np.linalg.norm(shape)
             roots = np.roots([shape.conj() @ each for each in self._forces(shape)[::-1]])
             before, rate = rate, complex(roots[np.argmin(np.abs(roots - rate))])
             rate = complex(rate.real) if real else rate
-            if abs(rate - before) <= _REFINED * abs(rate):
+            if abs(rate - before) <= REFINED * abs(rate):
                 return rate, shape
         raise RuntimeError(f"the mode near {abs(rate) / (2 * np.pi):.3g} Hz does not settle")
 

@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.ad_checkpoint import checkpoint_name
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
@@ -15,22 +16,17 @@ from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_ta
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import TangentFactors
-from crinoid.elements import Motion
+from crinoid.foundation.fixed_numbers import (
+    AGED_CONTRACTION,
+    CHORD_MARGIN,
+    NOISE,
+    ROUNDING,
+    STALLED,
+)
 from crinoid.rod import Rod
 
 SOLVED = "solved"
 """Name of solutions under `jax.checkpoint`, for a policy that saves them."""
-_NOISE = 1 / 16
-"""Share of round-off in the floor."""
-_MARGIN = 4.0
-"""Safety factor on the expected success of an iteration with an old tangent."""
-_AGED = 1e-3
-"""Least contraction assumed for the tangent of an earlier step.
-
-That of a new tangent may be far less, which says nothing about the next step.
-"""
-_STALLED = 0.5
-"""Contraction above which an iteration makes no progress."""
 
 
 class Settings(eqx.Module):
@@ -38,11 +34,6 @@ class Settings(eqx.Module):
 
     tolerance: Float[Array, ""]
     """Largest imbalance over the largest force."""
-    floor: Float[Array, ""]
-    """Imbalance below which round-off may dominate (N) and progress is not required, for positions
-    within ``reach``."""
-    reach: Float[Array, ""]
-    """Length of the rod (m)."""
     max_iterations: Int[Array, ""]
     """Largest number of iterations."""
     weights: Float[Array, " b"]
@@ -57,37 +48,12 @@ class Settings(eqx.Module):
     """Largest displacement in one iteration (m), so that statics jumps over no obstacle."""
 
     @staticmethod
-    def for_rod(
-        rod: Rod,
-        tolerance: float | Array,
-        max_iterations: int | Array,
-        lines: float | Array = 0.0,
-    ) -> "Settings":
-        """Set the floor to the round-off of the forces that stretch, bend and twist a rod.
-
-        A position on a rod of length L is accurate to about eps L, so the strain of an edge l to
-        eps L / l, and that of a line along the rod to eps; ``lines`` is the largest stiffness of
-        one (N). The floor is well above that.
-        """
-        length = rod.rest_length
-        stretching = jnp.max(rod.EA / length) * rod.length
-        bending = 4.0 * jnp.max(rod.EI) / jnp.min(length) ** 3 * rod.length
-        twisting = 0.0 if rod.GJ is None else jnp.max(rod.GJ) / jnp.min(length) ** 2
-        floor = jnp.finfo(float).eps / _NOISE * (stretching + bending + twisting + lines)
+    def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
+        """Return the settings for a rod, whose spins count as couples on the ends of an edge."""
         weights = jnp.ones(rod.axes)
         if rod.axes == 3:
-            weights = jnp.append(weights, 1.0 / jnp.mean(length))  # a couple on the ends of an edge
-        iterations = jnp.asarray(max_iterations)
-        return Settings(jnp.asarray(tolerance), floor, rod.length, iterations, weights)
-
-    def about(self, predicted: Rows) -> "Settings":
-        """Return the settings of a solve, with the round-off of the positions that it adds up.
-
-        A base may have moved far; and a predicted position (m) of a light arm, with the correction
-        that brings it back, may be many times its length.
-        """
-        farthest = jnp.max(jnp.abs(predicted))
-        return replace(self, floor=self.floor * jnp.maximum(1.0, farthest / self.reach))
+            weights = jnp.append(weights, 1.0 / jnp.mean(rod.rest_length))
+        return Settings(jnp.asarray(tolerance), jnp.asarray(max_iterations), weights)
 
 
 class ReusedTangent(eqx.Module):
@@ -99,6 +65,9 @@ class ReusedTangent(eqx.Module):
     parts touch."""
     by_acceleration: Float[Array, ""]
     """Factor of the acceleration in its stage (1/s2), which detects another step length."""
+    floor: Rows
+    """Imbalance of each row below which round-off may dominate (N, N m), and progress is not
+    required."""
 
     @staticmethod
     def none(forces: ActingForces, rows: Rows) -> "ReusedTangent":
@@ -106,7 +75,7 @@ class ReusedTangent(eqx.Module):
         nodes, size = forces.nodes(rows).shape
         lines = 0 if forces.lines is None else forces.lines.rest.size
         tangent = TangentFactors.blank(nodes, size, forces.extra(size), lines)
-        return ReusedTangent(tangent, jnp.ones(()), jnp.zeros(()))
+        return ReusedTangent(tangent, jnp.ones(()), jnp.zeros(()), jnp.zeros_like(rows))
 
 
 class _Iteration(eqx.Module):
@@ -121,6 +90,8 @@ class _Iteration(eqx.Module):
     count: Int[Array, ""]
     tangent: TangentFactors
     """Tangent of the last iteration, perhaps good enough for the next."""
+    floor: Rows
+    """Round-off of each row of the residual, from the last tangent that was assembled."""
     contraction: Float[Array, ""]
     """Factor on the imbalance in the last iteration."""
     touches: Bool[Array, ""]
@@ -163,7 +134,6 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
-    settings = settings.about(forces.nodes(stage.position)[:, : forces.axes])
     # friction of the arm on itself, or of a free body, lets whole steps alternate between two
     # shapes where it sticks; a static solve, which has none, limits its turns and must pass larger
     # imbalances
@@ -175,6 +145,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         eqx.tree_at(lambda o: o.residual, none, jnp.asarray(jnp.inf)),
         jnp.asarray(0),
         reused.tangent,
+        reused.floor,
         jnp.where(reused.by_acceleration == stage.by_acceleration, reused.contraction, 1.0),
         jnp.asarray(False),
         jnp.asarray(False),
@@ -204,8 +175,8 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
     touches = end.touches
     if forces.far_contacts and searches:
         touches |= jax.lax.cond(again, lambda: _touches(balance, end.correction), lambda: again)
-    contraction = jnp.where(touches, jnp.inf, jnp.maximum(end.contraction, _AGED))
-    reused = ReusedTangent(end.tangent, contraction, stage.by_acceleration)
+    contraction = jnp.where(touches, jnp.inf, jnp.maximum(end.contraction, AGED_CONTRACTION))
+    reused = ReusedTangent(end.tangent, contraction, stage.by_acceleration, end.floor)
     return end.correction, end.residual[:BOUNDARY_NODES], outcome, reused
 
 
@@ -220,39 +191,44 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
         # evaluated in one place, for the guess and its successors: elements are most of a program
         correction, before = carry.correction, carry.outcome
         motion = balance.motion(correction)
-        residual, outcome = imbalance(balance, motion, settings)
+        residual, largest = balance.residual(motion)
+        unbalanced, floor = (_as_forces(balance, settings, r) for r in (residual, carry.floor))
+        outcome = _outcome(unbalanced, floor, settings, jnp.max(settings.weights * largest))
         # the same tangent contracts about twice less in the next iteration
         contraction = jnp.where(
             carry.count > 0, outcome.residual / before.residual, carry.contraction
         )
-        allowed = settings.tolerance * outcome.scale + _NOISE * settings.floor
+        allowed = settings.tolerance * outcome.scale + NOISE * floor
         # a reused tangent may need two iterations: they cost less than one with a new tangent
-        left_over = jnp.where(carry.count > 0, contraction, contraction**2) * outcome.residual
-        suffices = (_MARGIN * left_over <= allowed) & ~carry.touches
-        stalled = outcome.converged & carry.refresh & (contraction > _STALLED)
+        left_over = jnp.where(carry.count > 0, contraction, contraction**2) * unbalanced
+        suffices = jnp.all(CHORD_MARGIN * left_over <= allowed) & ~carry.touches
+        stalled = outcome.converged & carry.refresh & (contraction > STALLED)
         # corrections below round-off, which change nothing
         stalled |= carry.refresh & jnp.all(residual == carry.residual)
         # the tangent of an earlier step failed: back to the guess, with one of this step
         astray = (carry.count > 0) & ~carry.refresh & ~(contraction < 1.0)
         sound = jnp.isfinite(outcome.residual) | astray
         left = (carry.count < settings.max_iterations) & sound
-        done = (outcome.residual <= allowed) | stalled | ~left
+        done = jnp.all(unbalanced <= allowed) | stalled | ~left
 
         # back by half of the last change, while it gains nothing
         worse = searches & (carry.count > 0) & carry.refresh & ~done & ~(contraction < 1.0)
 
-        def correct(one: tuple[Rows, TangentFactors, Array, Array]) -> Any:
-            correction, tangent, _, _ = one
+        def correct(one: tuple[Rows, TangentFactors, Rows, Array, Array]) -> Any:
+            correction, tangent, floor, _, _ = one
 
-            def renewed() -> tuple[TangentFactors, Rows | None, Array]:
+            def renewed() -> tuple[TangentFactors, Rows, Rows | None, Array]:
                 whole = balance.tangent(motion)
-                return whole.factorise(), whole.solve_touching(-residual), whole.touches
+                # a prediction and its correction may be far larger than their sum
+                rounded = jnp.abs(motion.position) + jnp.abs(correction)
+                floor = ROUNDING * np.finfo(float).eps * whole.times_sizes(rounded)
+                return whole.factorise(), floor, whole.solve_touching(-residual), whole.touches
 
-            def kept() -> tuple[TangentFactors, Rows | None, Array]:
+            def kept() -> tuple[TangentFactors, Rows, Rows | None, Array]:
                 apart = jnp.zeros_like(residual) if forces.far_contacts else None
-                return tangent, apart, jnp.asarray(False)
+                return tangent, floor, apart, jnp.asarray(False)
 
-            tangent, touching, touches = jax.lax.cond(suffices, kept, renewed)
+            tangent, floor, touching, touches = jax.lax.cond(suffices, kept, renewed)
             change = tangent.solve(-residual)
             if touching is not None:
                 change = jnp.where(touches, touching, change)
@@ -262,13 +238,13 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
                 change *= jnp.minimum(1.0, settings.max_turn / turn)
             if settings.max_move is not None:
                 change *= jnp.minimum(1.0, settings.max_move / _largest(change[:, : forces.axes]))
-            return correction + change, tangent, touches, jnp.asarray(False)
+            return correction + change, tangent, floor, touches, jnp.asarray(False)
 
         # a loop of one pass or none: `cond` in a batch would compute both branches
-        following, tangent, touches, _ = jax.lax.while_loop(
-            lambda one: one[3],
+        following, tangent, rounding, touches, _ = jax.lax.while_loop(
+            lambda one: one[4],
             correct,
-            (correction, carry.tangent, carry.touches, ~(done | astray | worse)),
+            (correction, carry.tangent, carry.floor, carry.touches, ~(done | astray | worse)),
         )
         back = astray & ~done
         following = jnp.where(back, guess, following)
@@ -290,6 +266,7 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
             outcome,
             count,
             tangent,
+            rounding,
             contraction,
             touches,
             refresh,
@@ -310,20 +287,26 @@ def _solve_jvp(primals: Any, tangents: Any) -> Any:
     return values, (t_correction, t_held, zero_tangents(outcome), zero_tangents(reused))
 
 
-def imbalance(balance: Balance, motion: Motion, settings: Settings) -> tuple[Rows, Outcome]:
-    """Return the residual of a motion, and the outcome by its size."""
+def _as_forces(balance: Balance, settings: Settings, rows: Rows) -> Float[Array, "unknown b"]:
+    """Return the sizes of the unknown rows of a residual, torques as forces (N)."""
     forces = balance.forces
-    residual, largest = balance.residual(motion)
-    scale = jnp.max(settings.weights * largest)
-    lacking = jnp.abs(forces.unknown(residual, 1 / forces.reach))
-    unbalanced = jnp.max(settings.weights * lacking, axis=1)
-    most = jnp.max(unbalanced)
-    return residual, Outcome(
-        converged=most <= settings.tolerance * scale + settings.floor,
+    return settings.weights * jnp.abs(forces.unknown(rows, 1 / forces.reach))
+
+
+def _outcome(
+    unbalanced: Float[Array, "unknown b"],
+    floor: Float[Array, "unknown b"],
+    settings: Settings,
+    scale: Float[Array, ""],
+) -> Outcome:
+    """Return the outcome of a motion by the sizes of its residual."""
+    of_rows = jnp.max(unbalanced, axis=1)
+    return Outcome(
+        converged=jnp.all(unbalanced <= settings.tolerance * scale + floor),
         iterations=jnp.asarray(0),
-        residual=most,
+        residual=jnp.max(of_rows),
         scale=scale,
-        worst_node=jnp.argmax(unbalanced) + BOUNDARY_NODES - 1,
+        worst_node=jnp.argmax(of_rows) + BOUNDARY_NODES - 1,
         resolved=jnp.asarray(True),
         folded=jnp.asarray(False),
         error=jnp.zeros(()),

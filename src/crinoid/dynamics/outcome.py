@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import IntEnum
 from typing import Any, TypeVar
 
@@ -15,12 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
 from crinoid.foundation.axes import LARGEST_TURN
+from crinoid.foundation.fixed_numbers import ERROR_GROWTH, KNOWN_ROUND_OFF, UNSEEN_BEND
 from crinoid.rod.reference import Reference
-
-_KNOWN = 0.01
-"""Largest round-off of forces that goes unreported, over the largest force on the base."""
-_BENDS = 1e-6
-"""Largest force that bends an arm imperceptibly, over EI / L^2."""
 
 
 def round_off_note(
@@ -41,7 +38,7 @@ def round_off_note(
         Largest force on the base (N).
     """
     noise = 2 * np.finfo(float).eps * stretching * length / edge
-    if noise <= max(_KNOWN * largest, _BENDS * bending / length**2):
+    if noise <= max(KNOWN_ROUND_OFF * largest, UNSEEN_BEND * bending / length**2):
         return ""
     return (
         f"forces are accurate to {noise:.2g} N only, the round-off of an arm this stiff to "
@@ -196,15 +193,11 @@ def cos_turn_angle(forces: Forces, position: Float[Array, "rows b"]) -> Float[Ar
     return jnp.where(resists, cosine, 1.0)
 
 
-_GROWTH = 8.0
-"""Growth of the local error of a method of order 2 when a step is doubled."""
-
-
 class Progress(eqx.Module):
-    """Statistics of a time step and its substeps."""
+    """Statistics of the solves of one or several time steps."""
 
-    outcome: Outcome
-    """Outcome of the last solve."""
+    outcome: Outcome | None
+    """Outcome of the last solve; None where only sums are kept."""
     residual: Float[Array, ""]
     """Largest imbalance of a substep that succeeded (N)."""
     error: Float[Array, ""]
@@ -214,6 +207,23 @@ class Progress(eqx.Module):
     iterations: Int[Array, ""]
     """Newton iterations of all solves, failed ones included."""
 
+    @staticmethod
+    def of_nothing(outcome: Outcome | None = None) -> "Progress":
+        """Return the statistics of no solves."""
+        zero, none = jnp.zeros(()), jnp.asarray(0)
+        return Progress(outcome, zero, zero, none, none)
+
+    def with_solve(self, outcome: Outcome) -> "Progress":
+        """Return the statistics with one more solve."""
+        good = outcome.converged
+        return Progress(
+            outcome,
+            jnp.maximum(self.residual, jnp.where(good, outcome.residual, 0.0)),
+            jnp.maximum(self.error, jnp.where(good, outcome.error, 0.0)),
+            self.steps + good,
+            self.iterations + outcome.iterations,
+        )
+
 
 def halve(
     step: Callable[[Any, Array], tuple[Any, Outcome]],
@@ -221,9 +231,11 @@ def halve(
     length: Float[Array, ""],
     max_halvings: Int[Array, ""],
     max_error: Float[Array, ""],
+    before: Progress,
 ) -> tuple[Any, Progress]:
     """Advance a state, any pytree, by ``length`` (s), in substeps where ``step`` fails.
 
+    The statistics of its solves add to those of the time steps ``before``.
     The shortest substep is ``2**-max_halvings`` of the length; if it fails too, the last good state
     comes back with a failed outcome. A substep is doubled again where the longer one is expected
     to keep within ``max_error`` (m).
@@ -243,27 +255,18 @@ def halve(
         accepted = jax.lax.cond(good, lambda: new, lambda: state)
         done = done + jnp.where(good, part, 0)
         # after a success double the substep, if the time reached is a multiple of the longer one
-        room = _GROWTH * outcome.error <= max_error
+        room = ERROR_GROWTH * outcome.error <= max_error
         longer = jnp.where((done % (2 * part) == 0) & (part < whole) & room, 2 * part, part)
         part = jnp.where(good, longer, part // 2)
         return (
             accepted,
-            Progress(
-                outcome,
-                jnp.maximum(progress.residual, jnp.where(good, outcome.residual, 0.0)),
-                jnp.maximum(progress.error, jnp.where(good, outcome.error, 0.0)),
-                progress.steps + good,
-                progress.iterations + outcome.iterations,
-            ),
+            progress.with_solve(outcome),
             done,
             part,
         )
 
-    nothing, zero = jnp.asarray(0), jnp.zeros(())
-    unsolved = Outcome.of_nothing(converged=False)
+    unsolved = replace(before, outcome=Outcome.of_nothing(converged=False))
     state, progress, _, _ = jax.lax.while_loop(
-        unfinished,
-        attempt,
-        (state, Progress(unsolved, zero, zero, nothing, nothing), nothing, whole),
+        unfinished, attempt, (state, unsolved, jnp.asarray(0), whole)
     )
     return state, progress

@@ -26,17 +26,12 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.elements import Threads
-from crinoid.elements.tendon_friction import ADHESION
+from crinoid.foundation.fixed_numbers import ADHESION, FRICTION_ROUNDS, FRICTION_SETTLED, LOAD_STEPS
 from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
 
 Rows = Float[Array, "rows b"]
 Way = tuple[Forces, Context]
-
-_ROUNDS = 16
-"""Number of solves with friction; a fixed one, so that both modes of differentiation apply."""
-_SETTLED = 1e-7
-"""Largest displacement of the last of them, over the arm's length."""
 
 
 def find(
@@ -87,17 +82,15 @@ def find(
         moved = jnp.max(jnp.abs(correction[:, : forces.axes]))
         return (position, frames), (outcome, moved)
 
-    (position, frames), (outcomes, moved) = jax.lax.scan(follow, loaded[:2], None, length=_ROUNDS)
+    (position, frames), (outcomes, moved) = jax.lax.scan(
+        follow, loaded[:2], None, length=FRICTION_ROUNDS
+    )
     outcome = jax.tree.map(itemgetter(-1), outcomes)
-    outcome = _judged(outcome, moved[-1], _SETTLED * reference.length)
+    outcome = _judged(outcome, moved[-1], FRICTION_SETTLED * reference.length)
     found = outcome.converged & loaded[2].converged & unloaded[2].converged
     outcome = replace(outcome, converged=found)
     slid = _slid(ActingForces.of(forces, context), slack, _memory(frozen, time, position, frames))
     return slid, position, frames, outcome
-
-
-_STEPS = 8
-"""Number of steps on the way to other loads, and then at them."""
 
 
 def follow(
@@ -156,8 +149,8 @@ def follow(
         moved = jnp.max(jnp.abs((there[0] - position)[:, : at_end.axes]))
         return shape, (there[2], moved)
 
-    on_the_way = jnp.arange(1, _STEPS + 1) / _STEPS, jnp.full(_STEPS, 1 / _STEPS)
-    at_the_end = jnp.ones(_STEPS), jnp.zeros(_STEPS)
+    on_the_way = jnp.arange(1, LOAD_STEPS + 1) / LOAD_STEPS, jnp.full(LOAD_STEPS, 1 / LOAD_STEPS)
+    at_the_end = jnp.ones(LOAD_STEPS), jnp.zeros(LOAD_STEPS)
     begin = (starts[0], frames, _of_threads(before[0], memory))
     (position, frames, memory), (outcomes, moved) = jax.lax.scan(
         approach, begin, jax.tree.map(lambda *each: jnp.stack(each), on_the_way, at_the_end)

@@ -10,10 +10,8 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.far_contact import FarContact, Rows
 from crinoid.dynamics.rows import ROOT
 from crinoid.elements import Motion, SelfContact, VehiclePose
+from crinoid.foundation.fixed_numbers import CANDIDATES
 from crinoid.rod import Rod
-
-CANDIDATES = 2
-"""Number of pairs that may press at the same time, for each edge."""
 
 
 class SelfTouch(eqx.Module):

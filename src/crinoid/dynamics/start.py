@@ -19,6 +19,7 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, SPIN
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import Tangent
+from crinoid.foundation.fixed_numbers import JERKY
 from crinoid.numerics.banded import pad_columns, with_first_rows
 from crinoid.numerics.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.numerics.small_matrices import product
@@ -83,11 +84,6 @@ def _with_prescribed_motion(
 
 Rows = Float[Array, "rows b"]
 
-_JERKY = 1.0
-"""Threshold of a jerky base: squared changes of its acceleration over squared accelerations.
-
-It is 1.5 for noise, 3 for a sign that alternates from step to step, 0.1 for resolved motion.
-"""
 
 _GUESSES = np.array(
     [[1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0, 0.0], [1.0, 2.0, -2.0, -1.0, 1.0]]
@@ -150,7 +146,7 @@ def _is_jerky(state: State, held: Prescribed, count: int) -> Bool[Array, ""]:
     root = jnp.concatenate([past, held.acceleration[None]])
     # the ghost node, for the rotation of the base: the swing of the tip
     root = jnp.stack([(root[:, 0] - root[:, 1]) * count, root[:, 1]], axis=1)
-    return jnp.sum(jnp.diff(root, axis=0) ** 2) > _JERKY * jnp.sum(root**2)
+    return jnp.sum(jnp.diff(root, axis=0) ** 2) > JERKY * jnp.sum(root**2)
 
 
 def undeformed(

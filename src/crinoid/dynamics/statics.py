@@ -17,34 +17,23 @@ from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
+from crinoid.foundation.fixed_numbers import (
+    FIRST_SHARE,
+    KICK,
+    LAST_SOLVES,
+    LEAVING,
+    MAX_SOLVES,
+    NEARER,
+    NO_MOVEMENT,
+    SHIFT_FALL,
+    SHIFT_RISE,
+    SMALLEST_SHARE,
+    TOLERANCE_SHARE,
+)
 from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
 
 Rows = Float[Array, "rows b"]
-
-_FIRST_SHARE = 0.25
-"""Share of the loads in the first solve."""
-_SMALLEST_SHARE = 1e-3
-"""Share below which all remaining loads are applied, for the relaxation to balance."""
-_NEARER = 0.9
-"""Largest share of the imbalance after an accepted solve, in the water at the new place."""
-_SHIFT_FALL = 0.5
-"""Factor on the resistance from one solve to the next while the arm comes to rest."""
-_SHIFT_RISE = 4.0
-"""Factor on the resistance after a rejected solve."""
-_KICK = 1e-3
-"""Lateral push that tests an equilibrium, and least progress of a solve, over the length."""
-_STILL = 1e-9
-"""Negligible movement, over the arm's length."""
-_LEAVING = 1.2
-"""Growth of the movement at the same resistance that shows divergence."""
-_MAX_SOLVES = 400
-"""Largest number of solves for the arm to come to rest."""
-_LAST_SOLVES = 20
-"""Further solves from the shape that first bore all loads."""
-
-_TOLERANCE_SHARE = 1e-3
-"""Tolerance over that of a time step."""
 
 
 def static_stage(
@@ -72,7 +61,7 @@ def careful(forces: ActingForces, settings: Settings) -> Settings:
     return eqx.tree_at(
         lambda s: (s.tolerance, s.max_turn, s.max_move),
         settings,
-        (_TOLERANCE_SHARE * settings.tolerance, jnp.asarray(0.5), room),
+        (TOLERANCE_SHARE * settings.tolerance, jnp.asarray(0.5), room),
         is_leaf=lambda x: x is None,
     )
 
@@ -181,11 +170,11 @@ def equilibrium(
 
     def kick(position: Rows) -> Rows:
         chord = position[tip] - position[1]
-        aside = _KICK * reach * along**2 * _aside(chord, reach, forces.axes)
+        aside = KICK * reach * along**2 * _aside(chord, reach, forces.axes)
         return jnp.pad(aside, ((3, position.shape[0] - tip - 1), (0, 0)))
 
     def allowed(search: _Continuation) -> Int[Array, ""]:
-        return jnp.where(search.bore_load, _MAX_SOLVES + _LAST_SOLVES, _MAX_SOLVES)
+        return jnp.where(search.bore_load, MAX_SOLVES + LAST_SOLVES, MAX_SOLVES)
 
     def unfinished(carry: tuple[_Continuation, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
@@ -200,7 +189,7 @@ def equilibrium(
             lambda s: (s.tolerance, s.max_iterations),
             settings,
             (
-                jnp.where(last, 1 / _TOLERANCE_SHARE, 1.0) * settings.tolerance,
+                jnp.where(last, 1 / TOLERANCE_SHARE, 1.0) * settings.tolerance,
                 jnp.where(last, 0, settings.max_iterations),
             ),
         )
@@ -209,32 +198,33 @@ def equilibrium(
         bare = last | search.settled | ~search.loaded
 
         def attempt(
-            trial: tuple[Rows, Surroundings, Array], solves: Bool[Array, ""]
-        ) -> tuple[tuple[Rows, Surroundings, Array], Outcome]:
+            trial: tuple[Rows, Surroundings, Array, Rows], solves: Bool[Array, ""]
+        ) -> tuple[tuple[Rows, Surroundings, Array, Rows], Outcome]:
             # a solve is most of the program, so it is traced once; without iterations it
             # evaluates the residual
-            correction, around, shift = trial
+            correction, around, shift, floor = trial
             medium = jnp.where(bare, 0.0, shift)
             stage = static_stage(time, shape.position, shape.frames, medium)
             around = jax.lax.cond(
                 solves, lambda: around, lambda: forces.surroundings(stage, correction)
             )
             most = jnp.where(solves, judged.max_iterations, 0)
-            correction, _, outcome, _ = solve(
+            correction, _, outcome, reused = solve(
                 Balance(forces, around, stage, load_factor),
                 correction,
                 replace(judged, max_iterations=most),
-                no_tangent,
+                replace(no_tangent, floor=floor),
             )
             fastest = rates.stiffest + rates.by_load * outcome.scale / load_factor
-            return (correction, around, jnp.where(shift < 0, fastest, shift)), outcome
+            shift = jnp.where(shift < 0, fastest, shift)
+            return (correction, around, shift, reused.floor), outcome
 
         # the residual of the shape, a solve, and the residual in the water at the new shape
-        (correction, _, known_shift), outcomes = jax.lax.scan(
-            attempt, (none, no_water, search.shift), jnp.array([False, True, False])
+        (correction, _, known_shift, _), outcomes = jax.lax.scan(
+            attempt, (none, no_water, search.shift, none), jnp.array([False, True, False])
         )
         before, solved, outcome = (jax.tree.map(itemgetter(k), outcomes) for k in range(3))
-        nearer = outcome.residual <= _NEARER * before.residual
+        nearer = outcome.residual <= NEARER * before.residual
         good = solved.converged & (outcome.converged | nearer)
         position = shape.position + correction
         frames = shape.frames
@@ -245,20 +235,20 @@ def equilibrium(
 
         share = jnp.where(good, 2.0, 0.5) * search.share
         bears_load = good & (load_factor >= 1.0)
-        loaded = search.loaded | bears_load | (share < _SMALLEST_SHARE)
+        loaded = search.loaded | bears_load | (share < SMALLEST_SHARE)
         just_loaded = loaded & ~search.loaded
         first_loaded = _choose(search.loaded, search.first_loaded, shape)
 
         moved = jnp.max(jnp.abs(correction[:, : forces.axes]))
-        leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
+        leaving = (moved > LEAVING * search.moved) & (moved > NO_MOVEMENT * reach)
         repeats = good & ((search.moved < 0) | leaving)
-        fall = jnp.where(repeats, 1.0, jnp.where(good, _SHIFT_FALL, _SHIFT_RISE))
+        fall = jnp.where(repeats, 1.0, jnp.where(good, SHIFT_FALL, SHIFT_RISE))
         shift = jnp.where(search.loaded, fall * known_shift, known_shift)
 
         # still moving after the allowed solves: give up, and return to the shape that first bore
         # the whole load
-        wandering = good & (moved > _KICK * reach) & ~search.settled
-        gives_up = search.bore_load & wandering & (search.solves >= _MAX_SOLVES)
+        wandering = good & (moved > KICK * reach) & ~search.settled
+        gives_up = search.bore_load & wandering & (search.solves >= MAX_SOLVES)
         # the frames are those before the kick, which is small
         kicked = shape.position + jnp.where(just_loaded, kick(shape.position), 0.0)
         shape = _choose(gives_up, first_loaded, _Shape(kicked, shape.frames))
@@ -293,7 +283,7 @@ def equilibrium(
                 first_loaded=shape,
                 bore_load=no,
                 load_factor=jnp.where(follows, 1.0, 0.0),
-                share=zero + _FIRST_SHARE,
+                share=zero + FIRST_SHARE,
                 loaded=follows,
                 shift=zero - 1,
                 moved=zero - 1,

@@ -280,7 +280,8 @@ class System(TimeStepper):
         def once(state: State, part: Array) -> tuple[State, Outcome]:
             return self.step(state, command, part)
 
-        return halve(once, state, h, self.max_halvings, self.max_error)
+        none = Progress.of_nothing()
+        return halve(once, state, h, self.max_halvings, self.max_error, none)
 
     def advance_with_account(
         self,
@@ -288,8 +289,12 @@ class System(TimeStepper):
         account: EnergyAccount,
         command: Command,
         step: float | Array | None = None,
+        before: Progress | None = None,
     ) -> tuple[State, EnergyAccount, Progress]:
-        """Advance like `advance`, and keep the account of works over each substep."""
+        """Advance like `advance`, and keep the account of works over each substep.
+
+        The statistics are those ``before``, if any, and of this time step.
+        """
 
         def once(
             carry: tuple[State, EnergyAccount], part: Array
@@ -300,7 +305,12 @@ class System(TimeStepper):
 
         h = self.time_step if step is None else jnp.asarray(step, float)
         (state, account), progress = halve(
-            once, (state, account), h, self.max_halvings, self.max_error
+            once,
+            (state, account),
+            h,
+            self.max_halvings,
+            self.max_error,
+            before or Progress.of_nothing(),
         )
         return state, account, progress
 

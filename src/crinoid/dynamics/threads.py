@@ -17,12 +17,10 @@ from crinoid.dynamics.arm import Arm
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import Motion, Threads
 from crinoid.elements.tendon_friction import Rubbing
+from crinoid.foundation.fixed_numbers import TOE
 from crinoid.numerics import banded
 
 Loads = Float[Array, " line"]
-
-_TOE = 1e-4
-"""Strain over which a tendon grows taut, for a slope that Newton's method can follow."""
 
 
 class LengthControlledThreads(eqx.Module):
@@ -72,8 +70,8 @@ class LengthControlledThreads(eqx.Module):
     def _loads(self, measured: Loads, drive: Float[Array, " drive"]) -> Loads:
         free = self.rest - self.shortening * drive[np.asarray(self.drives)]
         strain = measured / free - 1.0
-        bent = jnp.clip(strain, 0.0, _TOE)
-        taut = bent**2 / (2 * _TOE) + jnp.maximum(strain - _TOE, 0.0)
+        bent = jnp.clip(strain, 0.0, TOE)
+        taut = bent**2 / (2 * TOE) + jnp.maximum(strain - TOE, 0.0)
         return self.stiffness * jnp.where(np.asarray(self.fluid), free / measured - 1.0, taut)
 
 

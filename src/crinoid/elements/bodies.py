@@ -11,13 +11,10 @@ from crinoid.elements.contact import rows_of
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.rigid import Pose
 from crinoid.elements.water import smooth_speed
+from crinoid.foundation.fixed_numbers import CROSS_FLOW_DRAG, SPHERE_DRAG
 from crinoid.numerics.frames import cross, moments, rotation_velocity
 from crinoid.numerics.small_matrices import product
 
-DRAG = 0.47
-"""Drag coefficient of a sphere between Reynolds numbers of 1e3 and 1e5 (Hoerner 1965, 3-8)."""
-CROSS_FLOW_DRAG = 1.1
-"""Drag coefficient of a cylinder across its axis (Hoerner 1965, 3-9)."""
 _STATIONS, _SHARES = np.polynomial.legendre.leggauss(4)
 
 
@@ -99,7 +96,7 @@ class Body(Element):
             0,
             mass,
             displaced,
-            0.5 * density * DRAG * jnp.pi * radius**2,
+            0.5 * density * SPHERE_DRAG * jnp.pi * radius**2,
             (mass - displaced) * gravity,
             inertia + water[:, None, None] * swept,
             axis,

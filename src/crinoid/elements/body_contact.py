@@ -11,13 +11,9 @@ from jaxtyping import Array, Float
 from crinoid.elements.contact import Contact, eased_direction, rows_of, size
 from crinoid.elements.element import Motion
 from crinoid.elements.rigid import Pose, RigidMotion
+from crinoid.foundation.fixed_numbers import BODY_SKIN, SKIN_WEIGHTS
 from crinoid.numerics.frames import moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
-
-BODY_SKIN = 0.02
-"""Thickness of the skin over the smaller radius."""
-_WEIGHTS = 100.0
-"""Force at the end of the skin, over the weight of the lighter body, besides the arm's."""
 
 
 class Pair(NamedTuple):
@@ -80,7 +76,7 @@ class BodyContact(Contact):
         long = jnp.sqrt(jnp.sum(end**2 + jnp.finfo(float).tiny, axis=1))
         larger = (jnp.maximum(x[first], x[second]) for x in (friction, rolling, spinning))
         rubs, rolls, spins = larger
-        pressed = _WEIGHTS * gravity * jnp.minimum(mass[first], mass[second])
+        pressed = SKIN_WEIGHTS * gravity * jnp.minimum(mass[first], mass[second])
         return BodyContact(
             0,
             jnp.maximum(long, radius[first]),

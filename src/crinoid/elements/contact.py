@@ -9,24 +9,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from crinoid.elements.element import Element, Motion
+from crinoid.foundation.fixed_numbers import (
+    CREEP,
+    EASE,
+    MISSED_WORK,
+    NEGLIGIBLE_WORK,
+    SKIN,
+    SKIN_DAMPING,
+    SKIN_STRENGTH,
+)
 from crinoid.numerics.frames import cross, moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
-
-SKIN = 0.05
-"""Thickness of the skin over the radius of the arm."""
-_STRENGTH = 32.0
-"""Force where the surfaces meet, over the modulus and the squared radius of the arm."""
-EASE = 0.01
-"""Weight that draws the point of contact to the middle of an edge."""
-_DAMPING = 0.2
-"""Damping ratio of the skin of a rough surface: a hit returns about half of its speed."""
-_CREEP = 1e-3
-"""Sliding speed at which friction is fully developed (m/s)."""
-_MISSED = 0.01
-"""Largest error of a step in the work of a contact, over the energy of the hit."""
-_NEGLIGIBLE = 5e-7
-"""Negligible error in that work, over the energy of the fully compressed skin."""
 
 
 class SoftSkin(Element):
@@ -66,7 +60,7 @@ class SoftSkin(Element):
         _, force = self.press(gap)
         rubs = (force > 0) & (self.friction > 0)
         depth = jnp.where(rubs, 1.0 - gap / self.skin, 1.0)  # a root with a finite slope
-        dashpot = 4.0 * _DAMPING * jnp.sqrt(self.mass * self.strength * depth**3 / self.skin)
+        dashpot = 4.0 * SKIN_DAMPING * jnp.sqrt(self.mass * self.strength * depth**3 / self.skin)
         return jnp.where(rubs, jnp.maximum(force - dashpot * rate, 0.0), force)
 
     def rubbing(self, pressing: Float[Array, ""], sliding: Float[Array, " d"]) -> Array:
@@ -93,8 +87,8 @@ class SoftSkin(Element):
         closed = before - after
         missed = 0.5 * (force + force_before) * closed - (stored - stored_before)
         hit = stored + stored_before + 0.5 * self.mass * (closed / step) ** 2
-        negligible = _NEGLIGIBLE * self.press(jnp.zeros_like(after))[0]
-        return jnp.all(near) & jnp.all(jnp.abs(missed) <= _MISSED * hit + negligible)
+        negligible = NEGLIGIBLE_WORK * self.press(jnp.zeros_like(after))[0]
+        return jnp.all(near) & jnp.all(jnp.abs(missed) <= MISSED_WORK * hit + negligible)
 
 
 class Ball(NamedTuple):
@@ -123,7 +117,7 @@ class Contact(SoftSkin):
     ``min_s |x(s) - c|^2 + EASE |e|^2 (s - 1/2)^2``. So its gradient is continuous, and the force
     does not change the momentum or the angular momentum of the two.
 
-    A rough surface also damps: a dashpot ``2 _DAMPING sqrt(k m)``, by the skin's stiffness
+    A rough surface also damps: a dashpot ``2 SKIN_DAMPING sqrt(k m)``, by the skin's stiffness
     ``k`` at this depth and the reduced mass, acts against the rate of the gap and never pulls.
     Without it the skin chatters under an arm that slides.
 
@@ -362,7 +356,7 @@ def closest_of_cores(
 
 def eased_direction(velocity: Float[Array, " _"]) -> Float[Array, " _"]:
     """Return the direction of a velocity (m/s), shorter than 1 where friction begins."""
-    return velocity / jnp.sqrt(product(velocity, velocity) + _CREEP**2)
+    return velocity / jnp.sqrt(product(velocity, velocity) + CREEP**2)
 
 
 def size(vectors: Float[Array, "*many d"]) -> Float[Array, "*many"]:
@@ -381,7 +375,7 @@ def surfaces(rod: Rod) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
     # in space that of the stiffer direction
     stiffness = jnp.max(rod.EI.reshape(rod.nodes, -1), axis=1)
     modulus = _at_edges(stiffness) / (jnp.pi / 4 * radius**4)
-    return radius, _STRENGTH * modulus * radius**2
+    return radius, SKIN_STRENGTH * modulus * radius**2
 
 
 def _at_edges(nodal: Float[Array, " n"]) -> Float[Array, " n-1"]:

@@ -16,10 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from crinoid.foundation.fixed_numbers import BRANCH_FITS
 from crinoid.rod import Rod
-
-_FITS = 5
-"""Fits of branches to a loss factor; by then the weights settle."""
 
 
 class Strained(NamedTuple):
@@ -128,7 +126,7 @@ def branches_of_loss_factor(
     turned = frequency[:, None] * time
     storage, loss = turned**2 / (1 + turned**2), turned / (1 + turned**2)
     total = np.ones(frequency.size)
-    for _ in range(_FITS):
+    for _ in range(BRANCH_FITS):
         ratio, _ = nnls((loss - value * storage) / total[:, None], value / total)
         total = 1 + storage @ ratio
     return np.stack([ratio, time])[:, ratio > 0]

@@ -7,16 +7,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.foundation.fixed_numbers import AVERAGED_PERIODS, FIRST_WAKE, STILL_SPEED
+
 Scalar = Float[Array, "*count"]
 Length = Float[Array, "..."]
 """Of a step, the same for several oscillators (s)."""
-
-_PERIODS = 5.0
-"""Shedding periods over which `Synchronisation` averages flow and motion of the arm."""
-_STILL = 1e-3
-"""Speed of the arm over that of the water below which it counts as still: 0.001 D of amplitude."""
-_FIRST_SIGNAL = 0.1
-"""Largest wake variable at the start."""
 
 
 class Oscillation(NamedTuple):
@@ -100,7 +95,7 @@ class Synchronisation(Oscillator):
         )
 
     def advance(self, state: Synchronised, at: Oscillation, step: Length) -> Synchronised:
-        left = jnp.exp(-step * self.harmonic * self.centre * at.shedding / _PERIODS)
+        left = jnp.exp(-step * self.harmonic * self.centre * at.shedding / AVERAGED_PERIODS)
 
         def mean(past: Array, before: Array, after: Array) -> Array:
             return left[..., None] * past + (1.0 - left[..., None]) * 0.5 * (before + after)
@@ -133,7 +128,7 @@ class Synchronisation(Oscillator):
         self, angle: Scalar, velocity: Scalar, means: Float[Array, "*count 2"], at: Oscillation
     ) -> Scalar:
         frequency = 2.0 * jnp.pi * self.harmonic * at.shedding
-        still = _STILL * at.speed
+        still = STILL_SPEED * at.speed
         floor = jnp.finfo(float).tiny
         own = jnp.sqrt(
             (means[..., 1] + (self.centre * frequency * still) ** 2 + floor)
@@ -175,7 +170,7 @@ class WakeOscillator(Oscillator):
     def start(self, angle: Scalar, at: Oscillation) -> Wake:
         frequency, forcing = self._frequency(at), self._forcing(at)
         turned = jnp.stack([jnp.cos(angle), -frequency * jnp.sin(angle)], axis=-1)
-        return Wake(_FIRST_SIGNAL * turned, frequency, forcing)
+        return Wake(FIRST_WAKE * turned, frequency, forcing)
 
     def advance(self, state: Wake, at: Oscillation, step: Length) -> Wake:
         return self._advance(state, self._frequency(at), self._forcing(at), step)

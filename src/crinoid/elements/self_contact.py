@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, size, surfaces
+from crinoid.elements.contact import SoftSkin, closest_of_cores, size, surfaces
 from crinoid.elements.element import Motion
+from crinoid.foundation.fixed_numbers import EASE, SKIN
 from crinoid.numerics.frames import cross, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod

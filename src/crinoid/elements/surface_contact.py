@@ -8,15 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.body_contact import BODY_SKIN, BodyContact
-from crinoid.elements.contact import EASE, Contact
+from crinoid.elements.body_contact import BodyContact
+from crinoid.elements.contact import Contact
+from crinoid.foundation.fixed_numbers import BED_RANGE, BODY_SKIN, EASE, NEAREST_STEPS
 from crinoid.numerics.grid_spline import GridSpline
 from crinoid.numerics.small_matrices import product
-
-_STEPS = 12
-"""Steps of the search along an edge; each halves the bracket at least once every two."""
-_NEAR = 2.0
-"""Distance within which the one of a bed is of second order, over the radius of the arm."""
 
 
 class Surface(eqx.Module):
@@ -117,7 +113,7 @@ class SurfaceContact(Contact):
         return EASE * self.rest_length
 
     def _distance(self, place: Array) -> Array:
-        return self.surface.distance(place, _NEAR * self.arm_radius)
+        return self.surface.distance(place, BED_RANGE * self.arm_radius)
 
     def _expanded(self, point: Array) -> tuple[Array, Array, Array]:
         """Return the distance (m), its gradient, and its second derivatives (1/m)."""
@@ -150,7 +146,7 @@ class SurfaceContact(Contact):
             inside = (curve > 0) & (newton >= low) & (newton <= high)
             return low, high, jnp.where(inside, newton, 0.5 * (low + high))
 
-        return jax.lax.fori_loop(0, _STEPS, narrowed, (*ends, shares[least]))[2]
+        return jax.lax.fori_loop(0, NEAREST_STEPS, narrowed, (*ends, shares[least]))[2]
 
 
 class BodySurfaceContact(SurfaceContact, BodyContact):

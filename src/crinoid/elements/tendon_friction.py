@@ -12,10 +12,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-ADHESION = 2e-4
-"""Sliding ``x_0`` over the length of a thread, after which its friction has nearly developed."""
-EVEN = 1e-9
-"""Angle (rad), and sliding over ``x_0``, below which an absolute value is smooth."""
+from crinoid.foundation.fixed_numbers import EVEN
 
 
 class Sliding(NamedTuple):

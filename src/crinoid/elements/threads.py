@@ -31,7 +31,8 @@ from crinoid.elements.spatial import (
     on_nodes,
     slopes_on_nodes,
 )
-from crinoid.elements.tendon_friction import ADHESION, EVEN, Capstan, Rubbing, Sliding, slide
+from crinoid.elements.tendon_friction import Capstan, Rubbing, Sliding, slide
+from crinoid.foundation.fixed_numbers import ADHESION, EVEN
 from crinoid.numerics.small_matrices import product
 
 

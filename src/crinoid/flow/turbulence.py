@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Everywhere, Flow, Jet, Point, Time, panels_of
+from crinoid.foundation.fixed_numbers import POINTS_PER_CORRELATION_TIME, SPLINE_POINTS
 from crinoid.numerics.piecewise import PiecewisePolynomial
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import long_product
@@ -61,12 +62,6 @@ def _series(coefficients: tuple[float, ...], value: Float[Array, "*n"]) -> Float
     return total
 
 
-POINTS_PER_CORRELATION_TIME = 20
-"""Sampling of the process: the spline through the points has 99.6 % of its variance."""
-_MARGIN = 40
-"""Points before and after the record, so that the ends of the spline do not affect it."""
-
-
 class GaussMarkov(Everywhere):
     """Uniform flow; in time a Gauss-Markov (Ornstein-Uhlenbeck) process for each axis.
 
@@ -104,7 +99,7 @@ class GaussMarkov(Everywhere):
 
         mean = np.asarray(mean, float)
         step = correlation_time / POINTS_PER_CORRELATION_TIME
-        points = np.arange(-_MARGIN, np.ceil(duration / step) + _MARGIN + 1)
+        points = np.arange(-SPLINE_POINTS, np.ceil(duration / step) + SPLINE_POINTS + 1)
         normal = generator.standard_normal((points.size, 2))
         if mean.size == 3:
             aside = generator.spawn(1)[0].standard_normal(points.size)

@@ -11,17 +11,15 @@ from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Flow, Jet, Point, Time
 from crinoid.flow.turbulence import cosine, sine
+from crinoid.foundation.fixed_numbers import (
+    DEEP_WATER,
+    SPECTRUM_HIGHEST,
+    SPECTRUM_LOWEST,
+    WAVE_NUMBER_CHANGE,
+    WAVE_NUMBER_STEPS,
+)
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import product
-
-_DEEP = 100
-"""Depth of deep water, over the wavelength."""
-_LOWEST, _HIGHEST = 0.5, 4.0
-"""Limits of the spectrum over its peak frequency: 99.5 % of it lie between."""
-_MOST = 100
-"""Largest number of Newton's steps to a wave number."""
-_CLOSE = 1e-14
-"""Relative step at which it is found."""
 
 
 class Waves(Flow):
@@ -75,8 +73,8 @@ class Waves(Flow):
         travel against it are left out.
         """
         stop = stopped(-current, depth, gravity) * (1 - 1e-9)
-        highest = min(_HIGHEST, stop * peak_period / (2 * np.pi))
-        relative = np.linspace(_LOWEST, highest, 4001)
+        highest = min(SPECTRUM_HIGHEST, stop * peak_period / (2 * np.pi))
+        relative = np.linspace(SPECTRUM_LOWEST, highest, 4001)
         density = jonswap(relative, gamma)
         below = np.append(0.0, np.cumsum(density[1:] + density[:-1]))
         shares = (np.arange(components) + generator.random(components)) / components
@@ -105,7 +103,7 @@ class Waves(Flow):
         frequency = np.array([2 * np.pi / period])
         if depth is None:
             # of so many wavelengths nothing is felt of the bed, to the last digit
-            depth = _DEEP * 2 * np.pi / float(deep_wave_number(frequency, gravity, current)[0])
+            depth = DEEP_WATER * 2 * np.pi / float(deep_wave_number(frequency, gravity, current)[0])
         numbers = (depth, heading, [height / 2], frequency, [phase / (2 * np.pi)])
         return Waves(onset, *(jax.device_put(np.asarray(each, float)) for each in numbers))
 
@@ -226,7 +224,9 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
 
     def rises(state: tuple[Array, Array, Array]) -> Array:
         count, before, now = state
-        return (count < _MOST) & jnp.any(jnp.abs(now - before) > _CLOSE * now)
+        return (count < WAVE_NUMBER_STEPS) & jnp.any(
+            jnp.abs(now - before) > WAVE_NUMBER_CHANGE * now
+        )
 
     def rise(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         count, _, now = state

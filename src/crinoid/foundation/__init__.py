@@ -1,4 +1,4 @@
-"""Basics without physics: names of axes, status of a run, result variables, atomic files.
+"""Basics: names of axes, status of a run, result variables, atomic files, fixed numbers.
 
 Imports no other folder.
 """

@@ -8,9 +8,9 @@ from jaxtyping import Array, Bool, Int
 
 from crinoid.actuation import drives
 from crinoid.compilation import OFTEN, SOMETIMES, Program, compiled
-from crinoid.dynamics import ActingForces, FarEdges, Hull, Outcome, State
+from crinoid.dynamics import ActingForces, FarEdges, Hull, Outcome, Progress, State
 from crinoid.results.record import Record
-from crinoid.simulation.loop import Loop, LoopState, StepStatistics
+from crinoid.simulation.loop import Loop, LoopState
 
 _MANY = 30_000
 """Time steps from which a faster program pays for its longer compilation."""
@@ -98,8 +98,7 @@ def _advance_to_instant(
     Inner = tuple[LoopState, Outcome]
 
     def step(inner: Inner) -> Inner:
-        carry, progress = loop.tick(inner[0])
-        return carry, progress.outcome
+        return loop.tick(inner[0])
 
     due = (carry.steps // stride + 1) * stride
 
@@ -111,7 +110,7 @@ def _advance_to_instant(
     now = record(loop, carry)
     is_due = carry.steps == due
     tally = jax.tree.map(
-        lambda none, some: jnp.where(is_due, none, some), StepStatistics.of_nothing(), carry.tally
+        lambda none, some: jnp.where(is_due, none, some), Progress.of_nothing(), carry.tally
     )
     return eqx.tree_at(lambda c: c.tally, carry, tally), now, is_due, outcome
 

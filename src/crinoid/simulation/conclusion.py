@@ -269,7 +269,8 @@ def conclude(
     jumps, damped = command_jumps(dataset, system, prepared.facts), scenario.simulation.or_damping
     step_energy, rings = unresolved_vibrations(dataset, system, jumps, damped)
     if with_ledger:
-        defect = find_defect(dataset, scenario, float(system.settings.floor), step_energy)
+        floor = float(carry.state.reused_tangent.floor.max())
+        defect = find_defect(dataset, scenario, floor, step_energy)
     if failed is not None:
         time = float(carry.state.time)
         trouble = command_failure(system.inputs, np.asarray(carry.command).tolist(), time)

@@ -30,31 +30,6 @@ from crinoid.dynamics import EnergyAccount, Outcome, Progress, State, System
 __all__ = ["controller_cpu_time"]
 
 
-class StepStatistics(eqx.Module):
-    """Cost and errors of time steps, summed up."""
-
-    steps: Int[Array, ""]
-    iterations: Int[Array, ""]
-    residual: Float[Array, ""]
-    """Largest imbalance that one of them ended with (N)."""
-    error: Float[Array, ""]
-    """Largest estimated local error of one of them (m)."""
-
-    @staticmethod
-    def of_nothing() -> StepStatistics:
-        """Return the tally of no steps."""
-        return StepStatistics(jnp.asarray(0), jnp.asarray(0), jnp.zeros(()), jnp.zeros(()))
-
-    def with_step(self, progress: Progress) -> StepStatistics:
-        """Count in one more step, or the parts of it that succeeded."""
-        return StepStatistics(
-            self.steps + progress.steps,
-            self.iterations + progress.iterations,
-            jnp.maximum(self.residual, progress.residual),
-            jnp.maximum(self.error, progress.error),
-        )
-
-
 class LoopState(eqx.Module):
     """State of the closed loop, which one tick hands to the next."""
 
@@ -69,8 +44,8 @@ class LoopState(eqx.Module):
     command: Float[Array, " input"]
     steps: Int[Array, ""]
     """Time steps taken so far."""
-    tally: StepStatistics
-    """Tally of the time steps since the last instant that was saved."""
+    tally: Progress
+    """Sums over the time steps since the last instant that was saved."""
 
 
 class Loop(eqx.Module):
@@ -106,7 +81,7 @@ class Loop(eqx.Module):
             jnp.asarray(0),
             command,
             jnp.asarray(0),
-            StepStatistics.of_nothing(),
+            Progress.of_nothing(),
         )
 
     @property
@@ -177,14 +152,18 @@ class Loop(eqx.Module):
         due = self.clock.due(earlier, candidates * step - begin)  # it rounds in its own way
         return candidates[jnp.argmax(due)]
 
-    def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
-        """Advance by one time step; sensors and controller act if their time has come."""
+    def tick(self, carry: LoopState) -> tuple[LoopState, Outcome]:
+        """Advance by one time step; sensors and controller act if their time has come.
+
+        The outcome is that of the last solve.
+        """
         commanded = self._commanded(carry)
         assert carry.books is not None
         state, books, progress = self.system.advance_with_account(
-            carry.state, carry.books, commanded.command
+            carry.state, carry.books, commanded.command, before=carry.tally
         )
-        return self._advanced(commanded, state, books, progress), progress
+        assert progress.outcome is not None
+        return self._advanced(commanded, state, books, progress), progress.outcome
 
     def step(self, carry: LoopState) -> tuple[LoopState, Outcome]:
         """Advance like `tick`, but without books, and differentiable in both modes.
@@ -194,9 +173,7 @@ class Loop(eqx.Module):
         """
         commanded = self._commanded(carry)
         state, outcome = self.system.step(carry.state, commanded.command)
-        one = outcome.converged.astype(int)
-        progress = Progress(outcome, outcome.residual, outcome.error, one, outcome.iterations)
-        return self._advanced(commanded, state, None, progress), outcome
+        return self._advanced(commanded, state, None, carry.tally.with_solve(outcome)), outcome
 
     def sensed(self, carry: LoopState) -> tuple[SensorState, ...]:
         """Return the sensors when those have measured whose time has come, and no others."""
@@ -234,12 +211,13 @@ class Loop(eqx.Module):
         self, commanded: LoopState, state: State, books: EnergyAccount | None, progress: Progress
     ) -> LoopState:
         """Return the loop when the arm has moved."""
+        assert progress.outcome is not None
         converged = progress.outcome.converged
         steps = commanded.steps + converged
         # counted, not summed up: round-off of a sum would grow with the number of steps
         counted = jnp.where(converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
-        tally = commanded.tally.with_step(progress)
+        tally = replace(progress, outcome=None)
         return replace(commanded, state=state, books=books, steps=steps, tally=tally)
 
 

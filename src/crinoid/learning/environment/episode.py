@@ -117,8 +117,7 @@ class Rules:
             return (now.steps < end) & outcome.converged
 
         def step(inner: Inner) -> Inner:
-            now, progress = loop.tick(inner[0])
-            return now, progress.outcome
+            return loop.tick(inner[0])
 
         start = before.now, Outcome.of_nothing(converged=True)
         now, outcome = jax.lax.while_loop(unfinished, step, start)

@@ -14,13 +14,13 @@ from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.diagnostics.plausibility import plausibility_warnings
-from crinoid.dynamics import EnergyAccount, Outcome
+from crinoid.dynamics import EnergyAccount, Outcome, Progress
 from crinoid.results.record import Record
 from crinoid.results.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import command_failure, dataset_builder, step_failure
-from crinoid.simulation.loop import Loop, LoopState, StepStatistics
+from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.run import begin
 from crinoid.simulation.stepped_run import SteppedRun
 from crinoid.view.live import adjustable
@@ -269,5 +269,5 @@ class LiveSession(SteppedRun):
 def _opened(loop: Loop, carry: LoopState) -> LoopState:
     """Return a state whose works and impulses are zero."""
     account = EnergyAccount.of(loop.system.forces, carry.state)
-    opened = replace(carry, books=account, tally=StepStatistics.of_nothing())
+    opened = replace(carry, books=account, tally=Progress.of_nothing())
     return jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), opened)
