@@ -19,7 +19,7 @@ from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import FarContact, Forces, FreeBodies, Hull, Settings, System
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
-from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
+from crinoid.elements import AddedMass, Bend, Drag, Element, Inertia, Stretch, Weight
 from crinoid.flow import Flow, Water, on_currents
 from crinoid.numerics.frames import moments
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -62,7 +62,7 @@ def assemble(parameters: Parameters) -> System:
     rod = arm.rod()
     elements: tuple[Element, ...] = (
         Stretch.of(rod),
-        (Bend if rod.axes == 2 else BendTwist).of(rod, pinned=base.mount == "pinned"),
+        Bend.of(rod, pinned=base.mount == "pinned"),
         Inertia.of(rod),
         Weight.of(rod, density=water.density, gravity=water.gravity),
         Drag.of(
