@@ -127,7 +127,8 @@ class Stretch(Elastic):
     @staticmethod
     def of(rod: Rod) -> "Stretch":
         """Build the edges of a rod."""
-        return Stretch(1, rod.EA, rod.chord_length, Material.of(rod, rod.EA.size))
+        material = Material.of(rod, rod.EA.size)
+        return Stretch(first=1, EA=rod.EA, rest_length=rod.chord_length, material=material)
 
     @property
     def modulus(self) -> Float[Array, "*count"]:
@@ -173,7 +174,8 @@ class Bend(Elastic):
         stiffness = (resistance / rod.strain_length)[:-1]
         if pinned:
             stiffness = stiffness.at[0, : rod.axes - 1].set(0.0)
-        return Bend(0, stiffness, _rest_strain(rod), Material.of(rod, stiffness.shape[0]))
+        material, rest = Material.of(rod, stiffness.shape[0]), _rest_strain(rod)
+        return Bend(first=0, stiffness=stiffness, rest_strain=rest, material=material)
 
     @property
     def modulus(self) -> Float[Array, "*count s"]:

@@ -71,7 +71,7 @@ class Node(NamedTuple):
             strains, slope = planar_strains(*tangent)
         else:
             director, twist = motion.orientation.director[1], motion.orientation.twist[1]
-            strains, slope = spatial_strains(*tangent, director, twist)
+            strains, slope = spatial_strains(tangent[0], tangent[1], director, twist)
         return Node(tangent, length, tangent / length[:, None], strains, slope)
 
     def rates(self, motion: Motion) -> Float[Array, " s"]:
