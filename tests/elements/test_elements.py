@@ -22,7 +22,7 @@ from crinoid.elements import (
     TipLoad,
     Weight,
 )
-from crinoid.elements.elastic import bend_strain
+from crinoid.elements.node import bend_strain
 from crinoid.elements.water import cylinder_added_mass, cylinder_drag
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
@@ -44,7 +44,7 @@ def stretch(damping_time=0.0):
 
 
 def bend(damping_time=0.0):
-    return Bend(0, *one(0.7, REST), Material(*one(damping_time)))
+    return Bend(0, *one([0.7], [REST]), Material(*one(damping_time)))
 
 
 def on_line(ends, s):

@@ -17,7 +17,7 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.elements import (
     AddedMass,
-    BendTwist,
+    Bend,
     DistributedLoad,
     Drag,
     Inertia,
@@ -53,7 +53,7 @@ FORCES = acting(arm(
         PowerShear(always(), jnp.asarray([0.4, -0.2, 0.1]), *map(jnp.asarray, (2.0, -5.0, 0.3))),
     ),
 ))  # fmt: skip
-KINDS = (Stretch, BendTwist, Inertia, Weight, Drag, AddedMass, DistributedLoad, TipLoad)
+KINDS = (Stretch, Bend, Inertia, Weight, Drag, AddedMass, DistributedLoad, TipLoad)
 
 
 def of_kind(kind):
@@ -167,7 +167,7 @@ def test_tangent_with_turns_of_twist(turns):
     for seed in SEEDS:
         stage = at_random(seed, turned=0.6, turns=turns)
         assert np.abs(observe(FORCES, stage)[3].orientation.twist[2:-1]).max() > TURN / 2
-        assert_tangent(only(FORCES, BendTwist), stage)
+        assert_tangent(only(FORCES, Bend), stage)
 
 
 @pytest.mark.parametrize("sharp", np.deg2rad([150.0, 160.0, 169.0]))
@@ -175,7 +175,7 @@ def test_tangent_with_turns_of_twist(turns):
 def test_tangent_of_edges_bent_sharply(sharp, turns):
     for seed in SEEDS:
         assert_tangent(
-            only(FORCES, BendTwist), at_random(seed, sharp=sharp, turned=0.3, turns=turns), 1e-11
+            only(FORCES, Bend), at_random(seed, sharp=sharp, turned=0.3, turns=turns), 1e-11
         )
 
 
@@ -185,7 +185,7 @@ def test_tangent_of_a_slow_and_a_hasty_step():
     for rates in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.55, 2e5, 4e10)):
         names = ("by_position", "by_velocity", "by_acceleration")
         chosen = replace(stage, **dict(zip(names, map(jnp.asarray, rates), strict=True)))
-        assert_tangent(only(FORCES, BendTwist, Inertia), chosen)
+        assert_tangent(only(FORCES, Bend, Inertia), chosen)
 
 
 # --- bend and twist ----------------------------------------------------------------------------
@@ -195,9 +195,7 @@ def undamped(forces):
     """Return the forces without damping."""
 
     def damping(forces):
-        return [
-            e.material.damping_time for e in forces.elements if isinstance(e, Stretch | BendTwist)
-        ]
+        return [e.material.damping_time for e in forces.elements if isinstance(e, Stretch | Bend)]
 
     return eqx.tree_at(damping, forces, replace_fn=jnp.zeros_like)
 
@@ -220,7 +218,7 @@ def energy_slope(forces, stage):
 
 @pytest.mark.parametrize("turns", [0, -2])
 @pytest.mark.parametrize("sharp", [None, np.deg2rad(165.0)])
-@pytest.mark.parametrize("kind", [Stretch, BendTwist, Weight])
+@pytest.mark.parametrize("kind", [Stretch, Bend, Weight])
 def test_conservative_forces_are_the_slope_of_their_energy(kind, sharp, turns):
     for seed in SEEDS:
         # there the spins and the places turn the edges each for themselves
@@ -237,7 +235,7 @@ def test_what_deforms_an_arm_stores_energy_or_is_dissipated(turned):
     # dE/dt along the velocities by differences of energies along a motion: through the frames
     for seed in SEEDS:
         stage = at_random(seed, turned=turned, turns=1)
-        elastic = only(FORCES, Stretch, BendTwist)
+        elastic = only(FORCES, Stretch, Bend)
         residual, _, power, motion = observe(elastic, stage)
         fed = float(jnp.sum(residual * motion.velocity))
         stage, h = reframed(elastic, stage), 1e-5
@@ -265,7 +263,7 @@ def rigid(rng, position):
 def test_turning_as_a_whole_is_not_damped():
     for seed in SEEDS:
         stage = at_random(seed, turns=seed)
-        damped = only(FORCES, Stretch, BendTwist)
+        damped = only(FORCES, Stretch, Bend)
         usual = -float(jnp.sum(observe(damped, stage)[2]))
         still = replace(stage, velocity=rigid(np.random.default_rng(seed), stage.position))
         # round-off of the rate, squared
@@ -281,7 +279,7 @@ def test_turning_as_a_whole_is_not_damped():
 def test_inner_forces_are_in_balance(sharp):
     for seed in SEEDS:
         stage = at_random(seed, turned=0.5, turns=seed, sharp=sharp)
-        for kind in (Stretch, BendTwist):
+        for kind in (Stretch, Bend):
             residual, _, _, motion = observe(only(FORCES, kind), stage)
             size = np.abs(residual).max()
             assert size > 1e-2
@@ -358,7 +356,7 @@ def test_strains_are_those_of_the_frame_half_way(bend, twist):
         none = jnp.zeros_like(position)
         numbers = (jnp.zeros(()), position, none, none, *[jnp.ones(())] * 3)
         strains = strains_of(FORCES, StepMap(*numbers, frames))
-        strains += of_kind(BendTwist).rest_strain
+        strains += of_kind(Bend).rest_strain
         half = about - twist / 2  # the binormal as seen from the frame half way
         size = (2 * np.tan(bend / 2) + 4 * np.sin(bend / 2)) / 3
         expected = size * np.array([np.sin(half), -np.cos(half)])

@@ -319,7 +319,7 @@ def test_a_winch_draws_by_the_tension_at_the_root():
 
 @both
 @pytest.mark.release
-def test_the_tangent_by_hand_is_the_slope_of_the_force(axes):
+def test_the_tangent_is_the_slope_of_the_force(axes):
     winch = WINCH | {"offset": 0.006, "friction": 0.5, "schedule": PULL}
     described = scenario(axes, 6)
     tendons = [described.tendon[0].model_dump(exclude_unset=True), winch]

@@ -439,7 +439,7 @@ def tugged(request):
 
 
 @pytest.mark.release
-def test_the_tangent_by_hand_is_the_slope_of_the_force(tugged):
+def test_the_tangent_is_the_slope_of_the_force(tugged):
     forces, context, stage = tugged
     # of the threads alone, which compiles faster
     (element,) = (e for e in forces.elements if isinstance(e, Threads))

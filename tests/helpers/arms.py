@@ -30,7 +30,6 @@ from crinoid.dynamics.vehicle import Thrusters, Vehicle
 from crinoid.elements import (
     AddedMass,
     Bend,
-    BendTwist,
     Body,
     BodyContact,
     Contact,
@@ -118,7 +117,7 @@ def arm(
     )
     elements: list[Element] = [
         Stretch.of(rod),
-        (Bend if axes == 2 else BendTwist).of(rod, pinned=pinned),
+        Bend.of(rod, pinned=pinned),
         Inertia.of(rod),
         Weight.of(rod, density=water_density, gravity=gravity),
     ]

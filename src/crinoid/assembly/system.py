@@ -17,7 +17,7 @@ from crinoid.assembly.parameters import Parameters
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import FarContact, Forces, FreeBodies, Hull, Settings, System
-from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
+from crinoid.elements import AddedMass, Bend, Drag, Element, Inertia, Stretch, Weight
 from crinoid.flow import Flow, Water, on_currents
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.kinds import is_own
@@ -59,7 +59,7 @@ def assemble(parameters: Parameters) -> System:
     rod = arm.rod()
     elements: tuple[Element, ...] = (
         Stretch.of(rod),
-        (Bend if rod.axes == 2 else BendTwist).of(rod, pinned=base.mount == "pinned"),
+        Bend.of(rod, pinned=base.mount == "pinned"),
         Inertia.of(rod),
         Weight.of(rod, density=water.density, gravity=water.gravity),
         Drag.of(

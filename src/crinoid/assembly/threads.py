@@ -16,7 +16,7 @@ from crinoid.actuation import Actuator, Follower, InputKind
 from crinoid.assembly.actuators import ActuatorParameters
 from crinoid.assembly.arrays import array
 from crinoid.dynamics import LengthControlledThreads
-from crinoid.elements import Bend, BendTwist, Element, PlanarThreads, Threads
+from crinoid.elements import Bend, Element, Threads
 from crinoid.rod import Rod
 from crinoid.scenario import Chamber, Scenario, Tendon
 
@@ -158,11 +158,10 @@ class ThreadParameters(ActuatorParameters):
         if not self.lined:
             return None
         element = self._element(rod, first)
-        bend = (Bend if rod.axes == 2 else BendTwist).of(rod)
         behind = rod.chord_length
         before = jnp.concatenate([behind[:1], behind[:-1]])
-        strains = bend.rest_strain.reshape(behind.size, -1)
-        paths = jax.vmap(lambda e, *at: e.path(*at))(element, strains, before, behind)
+        lengths = jnp.stack([before, behind], axis=1)
+        paths = jax.vmap(lambda e, *at: e.path(*at))(element, Bend.of(rod).rest_strain, lengths)
         thread, side = np.array(self.lined).T
         return LengthControlledThreads(
             drives=tuple(int(first + k) for k in thread),
@@ -207,15 +206,15 @@ class ThreadParameters(ActuatorParameters):
         # tension per load of a line: 1 of a tendon, minus the area of a chamber (m2)
         hold = jnp.concatenate([-self.area, jnp.ones(len(self.names) - self.chambers)])
         held = (weight * hold[thread])[..., None] * (slots[..., None] == lines)
-        bend = (Bend if rod.axes == 2 else BendTwist).of(rod, pinned=self.pinned)
-        stiffness = bend.stiffness.reshape(rod.nodes - 1, -1)[:, : rod.axes - 1]
+        bend = Bend.of(rod, pinned=self.pinned)
+        stiffness = bend.stiffness[:, : rod.axes - 1]
         stiffer = (weight * ~other_side.astype(bool) * self.stiffening[thread])[..., None]
         stiffer = jnp.sum(stiffer * jnp.eye(len(self.names))[thread], axis=1)
         stiffening = stiffness[..., None] * stiffer[:, None]
         ends = jnp.full((rod.nodes - 1, 2), 0.5).at[0, 0].set(0.0).at[-1, 1].set(1.0)
         if self.pinned:
             ends = ends.at[1, 0].set(1.0)
-        return (PlanarThreads if rod.axes == 2 else Threads)(
+        return Threads(
             first=0,
             at=first,
             pull=jnp.where(other_side[..., None], 0.0, lanes),
@@ -227,7 +226,7 @@ class ThreadParameters(ActuatorParameters):
             change=offset(high.at[-1].set(1.0)) - offset(low),
             routed=jnp.where(bends_only, 0.0, 1.0),
             stiffening=stiffening,
-            rest_strain=bend.rest_strain.reshape(rod.nodes - 1, -1)[:, : rod.axes - 1],
+            rest_strain=bend.rest_strain[:, : rod.axes - 1],
             share=ends,
             **self._friction(rod, at_share, weight),
         )

@@ -18,7 +18,7 @@ from crinoid.dynamics.obstacles import Obstacles
 from crinoid.dynamics.rows import RowLayout
 from crinoid.dynamics.threads import LengthControlledThreads
 from crinoid.dynamics.vehicle import Vehicle
-from crinoid.elements import Bend, BendTwist, Element, Inertia, Motion, Stretch
+from crinoid.elements import Bend, Element, Inertia, Motion, Stretch
 from crinoid.flow import Water
 from crinoid.rod.reference import Reference
 
@@ -79,9 +79,9 @@ class Forces(eqx.Module):
         return jax.vmap(lambda point: self.water.velocity(self.origin + point, time))(points)
 
     @property
-    def bend(self) -> Bend | BendTwist | None:
+    def bend(self) -> Bend | None:
         """Element that resists bending, and in space twisting."""
-        return self._only(Bend | BendTwist)
+        return self._only(Bend)
 
     @property
     def stretch(self) -> Stretch | None:
@@ -108,7 +108,7 @@ class Forces(eqx.Module):
     def bending_stiffness(self, reference: Reference) -> Float[Array, " ways"]:
         """Return the mean bending stiffness (N m2); in space toward both directors."""
         bend = self._known_bend()
-        stiffness = bend.stiffness.reshape(reference.nodes - 1, -1) * reference.strain_length[:-1]
+        stiffness = bend.stiffness * reference.strain_length[:-1]
         # a pinned root has no stiffness, unlike the arm
         held = stiffness > 0
         ways = jnp.sum(stiffness, axis=0) / jnp.maximum(jnp.sum(held, axis=0), 1)
@@ -121,15 +121,10 @@ class Forces(eqx.Module):
         """
         bend = self._known_bend()
         owned = windows.motion_windows(bend, motion)
-        strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
-        rest, free = (
-            values.reshape(strains.shape) for values in (bend.rest_strain, bend.stiffness == 0)
-        )
-        return jnp.where(free, 0.0, strains - rest)
+        strains = jax.vmap(lambda e, m: e.deformation(m).strain)(bend, owned)
+        return jnp.where(bend.stiffness == 0, 0.0, strains)
 
-    def _known_bend(self) -> Bend | BendTwist:
+    def _known_bend(self) -> Bend:
         if self.bend is None:
-            raise ValueError(
-                "Nothing resists bending. Add a Bend to elements, in space a BendTwist."
-            )
+            raise ValueError("Nothing resists bending. Add a Bend to elements.")
         return self.bend

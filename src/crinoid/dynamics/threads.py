@@ -58,14 +58,19 @@ class LengthControlledThreads(eqx.Module):
         """Return the derivative of the loads by a correction of the nodes."""
         assert motion.drive is not None
         drive, (threads, memory) = motion.drive, _threads(arm)
-        by_window = jax.vmap(lambda e, m: e.measure_slope(m))
-        by_windows = by_window(threads, windows.motion_windows(threads, motion))
+
+        def by_window(threads: Threads, window: Motion) -> Float[Array, "line k b"]:
+            still = jnp.zeros((*window.flow_velocity.shape, window.flow_velocity.shape[-1]))
+            direction = windows.tangent_direction(stage, (still, None))
+            return windows.derivative(direction, threads.measure, window, relative=True)
+
+        by_windows = jax.vmap(by_window)(threads, windows.motion_windows(threads, motion))
         along = jax.vmap(lambda one: banded.scatter(one, threads.first, num_nodes), 1)(by_windows)
         measured = _measured(threads, motion)
         ones = jnp.ones_like(measured)
         slope = jax.jvp(lambda m: self._loads(m, drive), (measured,), (ones,))[1]
         slope = threads.at_root(slope, memory)
-        return stage.by_position * slope[:, None, None] * along
+        return slope[:, None, None] * along
 
     def _loads(self, measured: Loads, drive: Float[Array, " drive"]) -> Loads:
         free = self.rest - self.shortening * drive[np.asarray(self.drives)]

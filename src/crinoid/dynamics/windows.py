@@ -1,5 +1,6 @@
 """Elements on their windows of nodes: groups that share windows, residuals and Jacobians."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.dynamics.integrator import StepMap
-from crinoid.elements import Element, Linearised, Motion, TangentDirection
+from crinoid.elements import Element, Motion, TangentDirection
 from crinoid.numerics import banded
 
 Rows = Float[Array, "rows b"]
@@ -74,14 +75,12 @@ Laws = tuple[tuple[Element, Held], ...]
 def groups(laws: Laws, axes: int) -> list[tuple[int, Laws]]:
     """Return the laws in groups that share windows, with their first node.
 
-    One pass over the windows serves a group: less to compile and to run. Elements with their own
-    Jacobian gain nothing from that.
+    One pass over the windows serves a group: less to compile and to run.
     """
-    found: dict[tuple[int, int, int, bool, bool], Laws] = {}
+    found: dict[tuple[int, int, int, bool], Laws] = {}
     for element, held in laws:
         spins = element.spins and axes == 3
-        own = isinstance(element, Linearised)
-        key = (element.first, element.stencil, count(element), spins, own)
+        key = (element.first, element.stencil, count(element), spins)
         found[key] = (*found.get(key, ()), (element, held))
     return [(first, some) for (first, *_), some in found.items()]
 
@@ -117,20 +116,40 @@ def jacobian(
     direction: TangentDirection, laws: Laws, window: Motion, load_factor: Array | None
 ) -> Array:
     """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-    known = [(e, held) for e, held in laws if isinstance(e, Linearised)]  # all or none
-    if known and "position" not in direction.fixed_fields:
-        each = [e.jacobian(remembering(window, held), direction) for e, held in known]
-        return jnp.sum(jnp.stack(each), axis=0)
 
     def residual(window: Motion) -> Array:
         return jnp.sum(residuals(laws, window, load_factor), axis=0)
 
-    def along(correction: Float[Array, "k b"]) -> Array:
-        return direction.derivative(residual, window, correction)
+    relative = all(element.relative for element, _ in laws)
+    return derivative(direction, residual, window, relative=relative)
 
-    shape = window.position.shape
-    basis = jnp.eye(shape[0] * shape[1]).reshape(-1, *shape)
-    return jax.vmap(along, out_axes=-1)(basis).reshape(*shape, *shape)
+
+def derivative(
+    direction: TangentDirection,
+    quantity: Callable[[Motion], Array],
+    window: Motion,
+    *,
+    relative: bool,
+) -> Array:
+    """Return d(quantity)/d(correction) of one window: ``(..., k, b)``.
+
+    A common translation does not change a ``relative`` quantity. So its derivative by the first
+    node follows from the others: a third fewer directions of three nodes.
+    """
+
+    def along(correction: Float[Array, "k b"]) -> Array:
+        return direction.derivative(quantity, window, correction)
+
+    (nodes, size), axes = window.position.shape, window.flow_velocity.shape[-1]
+    basis = jnp.eye(nodes * size)[size if relative else 0 :].reshape(-1, nodes, size)
+    found = jax.vmap(along, out_axes=-1)(basis)
+    found = found.reshape(*found.shape[:-1], -1, size)
+    if not relative:
+        return found
+    # the edge that spins with the first node is not in the window
+    first = -jnp.sum(found[..., :axes], axis=-2, keepdims=True)
+    first = jnp.pad(first, [(0, 0)] * (found.ndim - 1) + [(0, size - axes)])
+    return jnp.concatenate([first, found], axis=-2)
 
 
 def residuals(laws: Laws, window: Motion, load_factor: Array | None) -> Array:

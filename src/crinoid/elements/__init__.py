@@ -15,7 +15,6 @@ from crinoid.elements.elastic import Stretch as Stretch
 from crinoid.elements.element import ENERGIES as ENERGIES
 from crinoid.elements.element import WORKS as WORKS
 from crinoid.elements.element import Element as Element
-from crinoid.elements.element import Linearised as Linearised
 from crinoid.elements.element import Motion as Motion
 from crinoid.elements.element import TangentDirection as TangentDirection
 from crinoid.elements.hull_contact import HullContact as HullContact
@@ -25,11 +24,9 @@ from crinoid.elements.material import Material as Material
 from crinoid.elements.oscillators import Oscillator as Oscillator
 from crinoid.elements.oscillators import Synchronisation as Synchronisation
 from crinoid.elements.oscillators import WakeOscillator as WakeOscillator
-from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
 from crinoid.elements.rigid import Pose as Pose
 from crinoid.elements.rigid import VehiclePose as VehiclePose
 from crinoid.elements.self_contact import SelfContact as SelfContact
-from crinoid.elements.spatial import BendTwist as BendTwist
 from crinoid.elements.surface_contact import Bed as Bed
 from crinoid.elements.surface_contact import BodySurfaceContact as BodySurfaceContact
 from crinoid.elements.surface_contact import SignedDistance as SignedDistance

@@ -1,18 +1,22 @@
-"""Elasticity of a discrete rod: stretch, planar bend.
+"""Elasticity of a discrete rod: stretch, bend, and in space twist.
 
 A strain ``s`` of a window stores ``1/2 K (s - s_rest)^2``. Its stress, ``K`` times that of a
 `Material`, acts as a force along ``grad s``.
 """
 
+from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.element import Element, Linearised, Motion, TangentDirection
+from crinoid.elements.element import Element, Motion
 from crinoid.elements.material import Material
-from crinoid.numerics.frames import rotate_90, unit
+from crinoid.elements.node import Node, bend_strain, spatial_strains
+from crinoid.numerics.frames import dot, twist_between, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 from crinoid.rod.reference import mass_matrices
@@ -54,12 +58,61 @@ class Inertia(Element):
         return jnp.concatenate([moving, spinning], axis=1)
 
 
-class Stretch(Element):
+class Deformation(NamedTuple):
+    """Strains of a window, one or several."""
+
+    strain: Float[Array, "..."]
+    """Beyond rest."""
+    rate: Float[Array, "..."]
+    forces: Callable[[Array], Array]
+    """Residual of stresses, linear in them: the transpose of the rate by the velocities."""
+
+
+class Elastic(Element):
+    """Force law of a `Material` on the strains of a window."""
+
+    relative: ClassVar[bool] = True
+    stored: ClassVar[str] = "elastic"
+    worked: ClassVar[str] = "damping"
+    material: eqx.AbstractVar[Material]
+
+    @property
+    @abstractmethod
+    def modulus(self) -> Float[Array, "..."]:
+        """``K`` of each strain (J)."""
+
+    @abstractmethod
+    def deformation(self, motion: Motion) -> Deformation:
+        """Return the strains of a window."""
+
+    def residual(self, motion: Motion) -> Float[Array, "k b"]:
+        strain, rate, forces = self.deformation(motion)
+        return forces(self.modulus * self.material.stress(strain, rate, motion.memory, motion.step))
+
+    def working(self, motion: Motion) -> Float[Array, "k b"]:
+        strain, rate, forces = self.deformation(motion)
+        viscous = self.material.viscous_stress(strain, rate, motion.memory, motion.step)
+        return -forces(self.modulus * viscous)
+
+    def energy(self, motion: Motion) -> Float[Array, ""]:
+        strain = self.deformation(motion).strain
+        return jnp.sum(self.modulus * self.material.energy(strain, motion.memory, motion.step))
+
+    @property
+    def remembers(self) -> bool:
+        return self.material.relaxation is not None
+
+    def steady(self, motion: Motion) -> Any:
+        return self.material.steady(self.deformation(motion).strain)
+
+    def advance(self, motion: Motion) -> Any:
+        return self.material.advance(self.deformation(motion).strain, motion.memory, motion.step)
+
+
+class Stretch(Elastic):
     """Stretch of an edge: ``s = |e| / l - 1`` with ``K = EA l`` (Bergou et al. 2010, eq. 3)."""
 
     stencil: ClassVar[int] = 2
-    stored: ClassVar[str] = "elastic"
-    worked: ClassVar[str] = "damping"
     first: int = eqx.field(static=True)
     EA: Float[Array, "*count"]
     """Stretching stiffness (N)."""
@@ -70,186 +123,74 @@ class Stretch(Element):
     @staticmethod
     def of(rod: Rod) -> "Stretch":
         """Build the edges of a rod."""
-        return Stretch(1, rod.EA, rod.chord_length, Material.of(rod, rod.EA.size))
-
-    def residual(self, motion: Motion) -> Float[Array, "2 b"]:
-        strain, rate, direction = self._strain(motion)
-        stress = self.material.stress(strain, rate, motion.memory, motion.step)
-        force = self.EA * stress * direction
-        return jnp.stack([-force, force])
-
-    def working(self, motion: Motion) -> Float[Array, "2 b"]:
-        strain, rate, direction = self._strain(motion)
-        stress = self.material.viscous_stress(strain, rate, motion.memory, motion.step)
-        force = self.EA * stress * direction
-        return jnp.stack([force, -force])
-
-    def energy(self, motion: Motion) -> Float[Array, ""]:
-        strain, _, _ = self._strain(motion)
-        energy = self.material.energy(strain, motion.memory, motion.step)
-        return self.EA * self.rest_length * energy
+        material = Material.of(rod, rod.EA.size)
+        return Stretch(first=1, EA=rod.EA, rest_length=rod.chord_length, material=material)
 
     @property
-    def remembers(self) -> bool:
-        return self.material.relaxation is not None
+    def modulus(self) -> Float[Array, "*count"]:
+        return self.EA * self.rest_length
 
-    def steady(self, motion: Motion) -> Any:
-        return self.material.steady(self._strain(motion)[0])
-
-    def advance(self, motion: Motion) -> Any:
-        return self.material.advance(self._strain(motion)[0], motion.memory, motion.step)
-
-    def _strain(self, motion: Motion) -> tuple[Array, Array, Array]:
+    def deformation(self, motion: Motion) -> Deformation:
         direction, length = unit(motion.position[1] - motion.position[0])
-        speed = jnp.sum(direction * (motion.velocity[1] - motion.velocity[0]))
-        return length / self.rest_length - 1.0, speed / self.rest_length, direction
-
-
-class Turn(NamedTuple):
-    """The turn at a node between two edges, with its derivatives by the positions of the nodes.
-
-    It changes by ``n_2 . de_2 / l_2 - n_1 . de_1 / l_1``, with the normals and lengths of the
-    edges.
-    """
-
-    strain: Float[Array, ""]
-    growth: Float[Array, ""]
-    """``d(strain)/d(turn)``."""
-    growth_slope: Float[Array, ""]
-    gradient: Float[Array, "3 2"]
-    """``d(turn)/d(positions)`` (1/m)."""
-    curved: Float[Array, "2 2 2"]
-    """Second derivatives of the turn by the vectors of both edges (1/m2); none are mixed."""
-
-    @staticmethod
-    def of(position: Float[Array, "3 2"]) -> "Turn":
-        """Return the turn at the middle one of three nodes."""
-        edges = position[1:] - position[:-1]
-        lengths = jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
-        directions = edges / lengths
-        normals = rotate_90(directions)
-        before, after = directions
-        half = jnp.sum(normals[0] * after) / (1.0 + jnp.sum(before * after))  # its tangent
-        secant = jnp.sqrt(1.0 + half**2)
-        by_edge = normals / lengths
-        tilted = (directions / lengths)[:, :, None] * by_edge[:, None, :]
-        curved = tilted + tilted.swapaxes(1, 2)
-        return Turn(
-            bend_strain(half, secant),
-            (secant**2 + 2.0 / secant) / 3.0,
-            half * (secant**2 - 1.0 / secant) / 3.0,
-            jnp.stack([by_edge[0], -by_edge[0] - by_edge[1], by_edge[1]]),
-            curved * jnp.array([1.0, -1.0])[:, None, None],
+        slope = direction / self.rest_length
+        return Deformation(
+            length / self.rest_length - 1.0,
+            dot(slope, motion.velocity[1] - motion.velocity[0]),
+            lambda stress: stress * jnp.stack([-slope, slope]),
         )
 
-    def along(self, moved: Float[Array, "3 2"]) -> Float[Array, "3 2"]:
-        """Return the change of the gradient for displacements of the nodes."""
-        on_first, on_second = jnp.sum(self.curved * (moved[1:] - moved[:-1])[:, None], axis=-1)
-        return jnp.stack([-on_first, on_first - on_second, on_second])
 
-    @property
-    def hessian(self) -> Float[Array, "3 2 3 2"]:
-        """Second derivatives of the turn by the positions of the nodes (1/m2)."""
-        return by_nodes(*self.curved)
+class Bend(Elastic):
+    """Bend, and in space twist, at a `crinoid.elements.node.Node` between two edges.
 
-
-def by_nodes(first: Float[Array, "2 2"], second: Float[Array, "2 2"]) -> Float[Array, "3 2 3 2"]:
-    """Return second derivatives by three nodes from those by the vectors of their edges."""
-    none = jnp.zeros((2, 2))
-    rows = [[first, -first, none], [-first, first + second, -second], [none, -second, second]]
-    return jnp.stack([jnp.stack(row, axis=1) for row in rows])
-
-
-class Bend(Linearised):
-    """Bend at a node between two edges: ``s`` is the turn (``bend_strain``), and ``K = EI / l``.
-
-    ``l`` is the length over which the node integrates the bend (after Bergou et al. 2008, eq. 1;
-    2010, section 4.1.1). The strain grows without bound as the edges fold onto each other, so an
-    arm does not snap through a fold.
+    ``K`` is ``EI / l``, in space ``EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length over which the
+    node integrates the strain (after Bergou et al. 2008, eq. 1; 2010, section 4.1.1). The strain
+    grows without bound as the edges fold onto each other, so an arm does not snap through a fold.
     At the root the first edge of the window is the ghost edge of the clamp, and the node owns half
     an edge, which places the clamp at the root itself.
     """
 
     stencil: ClassVar[int] = 3
-    stored: ClassVar[str] = "elastic"
-    worked: ClassVar[str] = "damping"
+    spins: ClassVar[bool] = True
     first: int = eqx.field(static=True)
-    stiffness: Float[Array, "*count"]
-    """``EI / l`` (N m)."""
-    rest_strain: Float[Array, "*count"]
-    """Strain without load (rad)."""
+    stiffness: Float[Array, "*count s"]
+    """``K`` of each strain (N m)."""
+    rest_strain: Float[Array, "*count s"]
+    """Strains without load (rad)."""
     material: Material
 
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "Bend":
-        """Build the bending of a rod, without its tip; a pinned root has no stiffness."""
-        stiffness = rod.EI[:-1] / rod.strain_length[:-1, 0]
+        """Build bend and twist of a rod, without its tip; a pinned root resists twist only."""
+        resistance = rod.EI.reshape(rod.nodes, -1)
+        if rod.GJ is not None:
+            resistance = jnp.concatenate([resistance, rod.GJ[:, None]], axis=1)
+        stiffness = (resistance / rod.strain_length)[:-1]
         if pinned:
-            stiffness = stiffness.at[0].set(0.0)
-        tangent = jnp.tan(0.5 * rod.rest_turn[:-1])
-        rest = bend_strain(tangent, jnp.sqrt(1.0 + tangent**2))
-        return Bend(0, stiffness, rest, Material.of(rod, stiffness.size))
-
-    def residual(self, motion: Motion) -> Float[Array, "3 2"]:
-        turn = Turn.of(motion.position)
-        return self._moment(turn, motion) * turn.growth * turn.gradient
-
-    def working(self, motion: Motion) -> Float[Array, "3 2"]:
-        turn = Turn.of(motion.position)
-        strain, rate = turn.strain - self.rest_strain, self._rate(turn, motion)
-        stress = self.material.viscous_stress(strain, rate, motion.memory, motion.step)
-        return -self.stiffness * stress * turn.growth * turn.gradient
-
-    def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 2 3 2"]:
-        turn, viscous = Turn.of(motion.position), self.stiffness * self.material.damping_time
-        stiffness = self.stiffness * self.material.slope(motion.memory, motion.step)
-        moment, grows, by_position = self._moment(turn, motion), turn.growth, direction.by_position
-        speed = jnp.sum(turn.gradient * motion.velocity)
-        by_turn = by_position * stiffness * grows + viscous * (
-            direction.by_velocity * grows + by_position * turn.growth_slope * speed
-        )
-        of_moment = by_turn * turn.gradient + (
-            by_position * viscous * grows * turn.along(motion.velocity)
-        )
-        of_lever = by_position * turn.growth_slope * turn.gradient
-        steering = grows * of_moment + moment * of_lever
-        return turn.gradient[:, :, None, None] * steering + by_position * moment * grows * (
-            turn.hessian
-        )
-
-    def strains(self, motion: Motion) -> Float[Array, "1"]:
-        """Return the strain of a window."""
-        return Turn.of(motion.position).strain[None]
-
-    def energy(self, motion: Motion) -> Float[Array, ""]:
-        strain = Turn.of(motion.position).strain - self.rest_strain
-        return self.stiffness * self.material.energy(strain, motion.memory, motion.step)
+            stiffness = stiffness.at[0, : rod.axes - 1].set(0.0)
+        material, rest = Material.of(rod, stiffness.shape[0]), _rest_strain(rod)
+        return Bend(first=0, stiffness=stiffness, rest_strain=rest, material=material)
 
     @property
-    def remembers(self) -> bool:
-        return self.material.relaxation is not None
+    def modulus(self) -> Float[Array, "*count s"]:
+        return self.stiffness
 
-    def steady(self, motion: Motion) -> Any:
-        return self.material.steady(Turn.of(motion.position).strain - self.rest_strain)
-
-    def advance(self, motion: Motion) -> Any:
-        strain = Turn.of(motion.position).strain - self.rest_strain
-        return self.material.advance(strain, motion.memory, motion.step)
-
-    def _moment(self, turn: Turn, motion: Motion) -> Float[Array, ""]:
-        strain, rate = turn.strain - self.rest_strain, self._rate(turn, motion)
-        return self.stiffness * self.material.stress(strain, rate, motion.memory, motion.step)
-
-    @staticmethod
-    def _rate(turn: Turn, motion: Motion) -> Float[Array, ""]:
-        return turn.growth * jnp.sum(turn.gradient * motion.velocity)
+    def deformation(self, motion: Motion) -> Deformation:
+        node = Node.of(motion)
+        return Deformation(node.strains - self.rest_strain, node.rates(motion), node.forces)
 
 
-def bend_strain(tangent: Float[Array, "..."], secant: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Return the strain of a bend from tangent and secant of half its angle.
-
-    ``(2 tan(a / 2) + 4 sin(a / 2)) / 3``, a mean of Snell's and Huygens's bounds of the arc: the
-    angle ``a`` to within ``a^5 / 320``, yet unbounded as the edges fold onto each other. The
-    binormal ``2 tan(a / 2)`` alone would stiffen a bend by ``a^2 / 3``.
-    """
-    return 2.0 / 3.0 * tangent * (1.0 + 2.0 / secant)
+def _rest_strain(rod: Rod) -> Float[Array, "count s"]:
+    """Return the strains of each node except the tip without load (rad)."""
+    if rod.rest_twist is None:
+        tangent = jnp.tan(0.5 * rod.rest_turn[:-1])
+        return bend_strain(tangent, jnp.sqrt(1.0 + tangent**2))[:, None]
+    clamp = jnp.eye(3)
+    places, directors = rod.rest_frames(clamp)
+    edges = jnp.concatenate([clamp[:1], jnp.diff(places, axis=0)])
+    tangents = edges / jnp.sqrt(dot(edges, edges))[:, None]
+    directors = jnp.concatenate([clamp[1:2], directors])
+    pairs = (tangents[:-1], tangents[1:])
+    expected = (rod.rest_twist * rod.voronoi_length)[:-1]
+    twist = twist_between(directors[:-1], directors[1:], pairs, expected)
+    return jax.vmap(spatial_strains)(*pairs, directors[:-1], twist)[0]

@@ -124,15 +124,15 @@ class TangentDirection(eqx.Module):
 
     def derivative(
         self,
-        residual: Callable[[Motion], Float[Array, "k b"]],
+        quantity: Callable[[Motion], Float[Array, "..."]],
         motion: Motion,
         direction: Float[Array, "k b"],
-    ) -> Float[Array, "k b"]:
-        """Return the derivative of a residual for a correction of the nodes along ``direction``."""
+    ) -> Float[Array, "..."]:
+        """Return the derivative of a quantity for a correction of the nodes along ``direction``."""
         change = self._tangent(motion, direction)
         changes = jax.tree.map(lambda x: x is not None, change, is_leaf=lambda x: x is None)
         moving, still = eqx.partition(motion, changes)
-        return jax.jvp(lambda m: residual(eqx.combine(m, still)), (moving,), (change,))[1]
+        return jax.jvp(lambda m: quantity(eqx.combine(m, still)), (moving,), (change,))[1]
 
     def _tangent(self, motion: Motion, direction: Float[Array, "k b"]) -> Motion:
         """Return the change of the motion, with None for unchanged fields."""
@@ -147,7 +147,8 @@ class TangentDirection(eqx.Module):
             if self.acceleration_slope is not None:
                 changes["flow_acceleration"] = jnp.sum(self.acceleration_slope * flows, axis=-1)
             if motion.orientation is not None:
-                changes["orientation.director"] = _turning(motion, moved)
+                turned = _turning(motion, moved)
+                changes["orientation.director"], changes["orientation.twist"] = turned
         still = jax.tree.map(lambda _: None, motion)
         return eqx.tree_at(
             lambda m: [attrgetter(name)(m) for name in changes],
@@ -157,17 +158,26 @@ class TangentDirection(eqx.Module):
         )
 
 
-def _turning(motion: Motion, moved: Float[Array, "k b"]) -> Float[Array, "k 3"]:
-    """Return the change of the directors of a window, from which elements compute twists."""
+def _turning(
+    motion: Motion, moved: Float[Array, "k b"]
+) -> tuple[Float[Array, "k 3"], Float[Array, " k"]]:
+    """Return the change of the directors of a window, and of the twists between its edges.
+
+    The twist changes by the spins, and by ``1/2 k . (dt_a + dt_b)`` as the tangents turn, with the
+    binormal ``k`` (Bergou et al. 2008, section 6).
+    """
     assert motion.orientation is not None
     # the edge that ends at the first node is not in the window
     edge, moving = jnp.diff(motion.position[:, :3], axis=0), jnp.diff(moved[:, :3], axis=0)
     length = jnp.sqrt(dot(edge, edge))[:, None]
     tangent, director = edge / length, motion.orientation.director[1:]
     turning = (moving - dot(moving, tangent)[:, None] * tangent) / length
-    spin = (moved[1:, 3] + dot(motion.orientation.lean[1:], turning))[:, None]
-    swept = spin * cross(tangent, director) - dot(director, turning)[:, None] * tangent
-    return jnp.pad(swept, ((1, 0), (0, 0)))
+    spin = moved[1:, 3] + dot(motion.orientation.lean[1:], turning)
+    swept = spin[:, None] * cross(tangent, director) - dot(director, turning)[:, None] * tangent
+    before, after = tangent[:-1], tangent[1:]
+    half = cross(before, after) / (1.0 + dot(before, after))[:, None]
+    twisted = jnp.diff(spin) + dot(half, turning[:-1] + turning[1:])
+    return jnp.pad(swept, ((1, 0), (0, 0))), jnp.pad(twisted, 1)[: moved.shape[0]]
 
 
 class Element(eqx.Module):
@@ -210,6 +220,8 @@ class Element(eqx.Module):
     """Number of consecutive nodes in a window (1 to 3)."""
     spins: ClassVar[bool] = False
     """Whether it depends on the spin of edges in space; if not, it sees positions only."""
+    relative: ClassVar[bool] = False
+    """Whether it depends only on how its nodes lie and move relative to each other."""
     external: ClassVar[bool] = False
     """Whether it is an external force, which a static solve may apply in steps."""
     stored: ClassVar[str] = "potential"
@@ -257,14 +269,3 @@ class Element(eqx.Module):
         A step of length 0 changes nothing.
         """
         return None
-
-
-class Linearised(Element):
-    """Force law with a hand-written tangent matrix, where that is measured to be faster.
-
-    For the accelerations at the start of a motion ``residual`` is differentiated nevertheless.
-    """
-
-    @abstractmethod
-    def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "k b k b"]:
-        """Return d(residual)/d(correction) of a window."""

@@ -16,7 +16,6 @@ from crinoid.numerics.frames import (
     rotate_90,
     spun,
     transport,
-    twist_between,
     unit,
 )
 from crinoid.numerics.ramp import Onset
@@ -138,10 +137,8 @@ class TipLoad(Element):
         else:
             # the last frame, transported to the tip's tangent and spun by half of the last twist
             director = motion.orientation.director
-            expected = motion.orientation.twist[1]
-            twist = twist_between(director[1], director[2], (before, last), expected)
             m_1 = transport(director[2], last, tip)
-            m_1 = spun(m_1, tip, 0.5 * twist)
+            m_1 = spun(m_1, tip, 0.5 * motion.orientation.twist[1])
             axes = jnp.stack([tip, m_1, cross(tip, m_1)])
             moment = self.moment + _combined(self.follower_moment, axes)
             couple, torque = cross(moment, last) / length, dot(moment, last)

@@ -30,7 +30,7 @@ class Strained(NamedTuple):
 class Material(eqx.Module):
     """Kelvin-Voigt material, with Maxwell branches if ``relaxation`` is not None.
 
-    Strains are scalars, or the three of a node in space. ``memory`` is that at the start of a step,
+    Strains are scalars, or those of a node. ``memory`` is that at the start of a step,
     without which methods give the relaxed material, as in an equilibrium.
     """
 
@@ -82,10 +82,6 @@ class Material(eqx.Module):
         """Return the stress of dashpot and branches over the stiffness."""
         stress, after = self.damping_time * rate, self.advance(strain, memory, step)
         return stress if after is None else stress + jnp.sum(after.branches, axis=-1)
-
-    def slope(self, memory: Strained | None, step: Float[Array, ""] | None) -> Array | float:
-        """Return d(stress)/d(strain) over the stiffness, at a fixed rate."""
-        return 1.0 if memory is None or step is None else 1.0 + jnp.sum(self._gain(step))
 
     def energy(
         self, strain: Float[Array, "..."], memory: Strained | None, step: Float[Array, ""] | None

@@ -8,8 +8,8 @@ a node: Renda et al. 2020, IEEE Robotics and Automation Letters 5(3)). A tension
 length ``sum |v|`` does the work ``-T d(sum |v|)``; a chamber of section ``A`` under a pressure
 ``p`` is a thread that pushes, ``T = -p A``, as its volume is ``A sum |v|``.
 
-The strains are those of `crinoid.elements.Bend` and `crinoid.elements.BendTwist`: a tension bends a
-straight arm to the circle that is exact in them, however large the bend.
+The strains are those of `crinoid.elements.Bend`: a tension bends a straight arm to the circle that
+is exact in them, however large the bend.
 
 Friction in the channel is that of `crinoid.elements.tendon_friction`.
 """
@@ -20,30 +20,25 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.element import Linearised, Motion, TangentDirection
-from crinoid.elements.spatial import (
-    Edges,
-    NodeStrain,
-    node_kinematics,
-    on_nodes,
-    slopes_on_nodes,
-)
+from crinoid.elements.element import Element, Motion
+from crinoid.elements.node import Node
 from crinoid.elements.tendon_friction import Capstan, Rubbing, Sliding, slide
 from crinoid.foundation.fixed_numbers import ADHESION, EVEN
+from crinoid.numerics.frames import dot
 from crinoid.numerics.small_matrices import product
 
 
-class Threads(Linearised):
-    """All threads of an arm in space; a window is a node between two edges.
+class Threads(Element):
+    """All threads of an arm; a window is a node between two edges.
 
     Each thread that runs past a node has a lane there. With friction the memory is ``Sliding``.
     """
 
     stencil: ClassVar[int] = 3
     spins: ClassVar[bool] = True
+    relative: ClassVar[bool] = True
     external: ClassVar[bool] = True
     worked: ClassVar[str] = "actuation"
     first: int = eqx.field(static=True)
@@ -132,9 +127,9 @@ class Threads(Linearised):
 
     def _wrapped(self, motion: Motion) -> tuple[Float[Array, " lane"], Float[Array, " lane"]]:
         """Return path (m) and turn (rad) of each lane."""
-        strains, before, behind = self._strained(motion)
-        along, aside = self._advance(strains, before, behind)
-        path = jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1))
+        node = Node.of(motion)
+        strains, (along, aside) = node.strains, self._advance(node.strains, node.length)
+        path = jnp.sqrt(along**2 + dot(aside, aside))
         assert self.winding is not None
         # the direction of the path turns in the section and, across the arm and along it, with it
         bend = strains[: self.winding.shape[1]]
@@ -156,132 +151,51 @@ class Threads(Linearised):
         reduced = each * memory.sliding.factor[..., None]
         return mean * jnp.sum(each, axis=(0, 1)) / jnp.sum(reduced, axis=(0, 1))
 
-    def residual(self, motion: Motion) -> Float[Array, "3 4"]:
-        edges, strain = node_kinematics(motion)
-        slope, _ = self._work(motion, strain.strains, *edges.length[:, 0])
-        pulled = slope[3] * self.share[:, None] * edges.tangent
-        turned = edges.forces(strain.moment(slope[:3]))
-        return on_nodes(turned + jnp.pad(pulled, ((0, 0), (0, 1))))
-
-    def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 4 3 4"]:
-        assert motion.orientation is not None
-        edges, strain = node_kinematics(motion)
-        slope, curvature = self._work(motion, strain.strains, *edges.length[:, 0])
-        stress = product(slope[:3], strain.axes)
-        moment, turned = product(strain.map, stress), _turned(strain)
-        by_strain = product(turned.T, product(curvature, turned))
-        by_turn, by_mean = strain.moment_slopes(stress, moment)
-        steered = jnp.stack([by_turn - by_mean, by_turn + by_mean])
-        swung = self._swings(edges, motion.orientation.lean[1:])
-        pulled = slope[3] * self.share[:, None, None] * edges.swing
-        return direction.by_position * slopes_on_nodes(
-            self._swings(edges),
-            product(by_strain + jnp.pad(steered, ((0, 0), (0, 1), (0, 1))), swung),
-            edges.force_slopes(moment) + jnp.pad(pulled, ((0, 0), (0, 1), (0, 1))),
-        )
-
-    def _swings(
-        self, edges: Edges, lean: Float[Array, "2 3"] | None = None
-    ) -> Float[Array, "2 4 4"]:
-        """Return the derivatives of the edges' relative turn, and of the length, by each edge."""
-        lengthened = jnp.pad(self.share[:, None] * edges.tangent, ((0, 0), (0, 1)))
-        return jnp.concatenate([edges.turns(lean), lengthened[:, None]], axis=1)
-
-    def _work(
-        self,
-        motion: Motion,
-        strains: Float[Array, " s"],
-        before: Float[Array, ""],
-        behind: Float[Array, ""],
-    ) -> tuple[Float[Array, " s+1"], Float[Array, "s+1 s+1"]]:
-        """Return first and second derivatives of the work of the tensions along their paths.
-
-        Including the energy ``1/2 K s^2`` of the bending stiffness that the drives add. By the
-        strains of the node and the length that it owns: moments (N m) and a pull (N), and their
-        slopes.
-        """
-        tension, routed = self.tension(motion), self.routed > 0
-        path, lever, slopes = self._lanes(strains, before, behind)
-        curvature = lever[:, :, None] * lever[:, None, :]
-        if self.offset.shape[1] == 2:
-            wound = jnp.sum(self.offset**2, axis=-1)
-            curvature += wound[:, None, None] * np.diag([0.0, 0.0, 1.0, 0.0])
-        curvature = curvature - slopes[:, :, None] * slopes[:, None, :]
-        tightened = None
+    def residual(self, motion: Motion) -> Float[Array, "3 b"]:
+        node, tension = Node.of(motion), self.tension(motion)
         if motion.memory is not None:
-            factor, by_path = jax.jvp(motion.memory.factor, (path,), (jnp.ones_like(path),))
-            tension, tightened = tension * factor, tension * by_path
-        bent = tension * self.routed / path
-        slope = jnp.where(routed[:, None], slopes, jnp.pad(lever[:, :-1], ((0, 0), (0, 1))))
-        steepened = jnp.sum(bent[:, None, None] * curvature, axis=0)
-        if tightened is not None:
-            tightened = tightened[:, None, None] * slope[:, :, None] * slopes[:, None, :]
-            steepened += jnp.sum(tightened, axis=0)
+            tension = tension * motion.memory.factor(self._paths(node.strains, node.length))
+        _, slopes = jax.vjp(self._worked, node.strains, node.length)
+        stresses, pulls = slopes(tension)
         stiff = self._stiffened(motion)
-        bending = stiff * (strains[: stiff.size] - self.rest_strain)
-        more = (0, strains.size + 1 - stiff.size)
-        return (
-            jnp.sum(tension[:, None] * slope, axis=0) + jnp.pad(bending, more),
-            steepened + jnp.diag(jnp.pad(stiff, more)),
-        )
+        bent = stiff * (node.strains[: stiff.size] - self.rest_strain)
+        return node.forces(stresses.at[: stiff.size].add(bent), pulls)
 
-    def _lanes(
-        self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
-    ) -> tuple[Float[Array, " lane"], Float[Array, "lane s+1"], Float[Array, "lane s+1"]]:
-        """Return path of each lane (m), and derivatives of ``v . t`` and the path.
+    def _worked(
+        self, strains: Float[Array, " s"], lengths: Float[Array, "2"]
+    ) -> Float[Array, " lane"]:
+        """Return the path on which each lane does work: that of one that only bends is its bend."""
+        bends = -product(self.offset, strains[: self.offset.shape[1]])
+        return jnp.where(self.routed > 0, self._paths(strains, lengths), bends)
 
-        By the strains, and by the length that the node owns.
-        """
-        along, aside = self._advance(strains, before, behind)
-        path = jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1))
-        none, one = jnp.zeros_like(self.offset[:, :1]), jnp.ones_like(self.offset[:, :1])
-        twists = self.offset.shape[1] == 2
-        lever = jnp.concatenate([-self.offset, *([none] * twists), one], axis=-1)
-        slopes = (along / path)[:, None] * lever
-        if twists:
-            winding = jnp.sum(aside * _around(self.offset), axis=-1) / path
-            slopes += winding[:, None] * np.eye(4)[2]
-        return path, lever, slopes
+    def _paths(
+        self, strains: Float[Array, " s"], lengths: Float[Array, "2"]
+    ) -> Float[Array, " lane"]:
+        """Return the path of each lane over a node (m)."""
+        along, aside = self._advance(strains, lengths)
+        return jnp.sqrt(along**2 + dot(aside, aside))
 
     def _advance(
-        self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
+        self, strains: Float[Array, " s"], lengths: Float[Array, "2"]
     ) -> tuple[Float[Array, " lane"], Float[Array, "lane way"]]:
         """Return the advance ``v`` of each lane along the arm and to its side (m)."""
-        along = self.share[0] * before + self.share[1] * behind
-        along = along - jnp.sum(self.offset * strains[: self.offset.shape[1]], axis=-1)
-        if self.offset.shape[1] == 1:
-            return along, self.change
-        return along, self.change + strains[2] * _around(self.offset)
+        ways = self.offset.shape[1]
+        along = dot(self.share, lengths) - product(self.offset, strains[:ways])
+        return along, self.change if ways == 1 else self.change + strains[2] * _around(self.offset)
 
     def path(
-        self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
+        self, strains: Float[Array, " s"], lengths: Float[Array, "2"]
     ) -> Float[Array, " line"]:
         """Return the path of each line over a node: length (m), or minus volume (m3), from strains.
 
         From the strains of the node and the lengths of the edges before and behind it.
         """
-        along, aside = self._advance(strains, before, behind)
-        return product(jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1)), self.hold)
+        return product(self._paths(strains, lengths), self.hold)
 
     def measure(self, motion: Motion) -> Float[Array, " line"]:
         """Return the `path` in a window."""
-        return self.path(*self._strained(motion))
-
-    def _strained(
-        self, motion: Motion
-    ) -> tuple[Float[Array, " s"], Float[Array, ""], Float[Array, ""]]:
-        """Return the strains of the node, and the lengths of the edges before and behind it."""
-        edges, strain = node_kinematics(motion)
-        return strain.strains, edges.length[0, 0], edges.length[1, 0]
-
-    def measure_slope(self, motion: Motion) -> Float[Array, "line 3 b"]:
-        """Return the derivative of `measure` by positions and spins."""
-        assert motion.orientation is not None
-        edges, strain = node_kinematics(motion)
-        _, _, slopes = self._lanes(strain.strains, *edges.length[:, 0])
-        by_turn = product(self.hold.T, product(slopes, _turned(strain)))
-        on_edges = product(by_turn[None], self._swings(edges, motion.orientation.lean[1:]))
-        return jnp.moveaxis(on_nodes(jnp.moveaxis(on_edges, 1, -1)), -1, 0)
+        node = Node.of(motion)
+        return self.path(node.strains, node.length)
 
     def _stiffened(self, motion: Motion) -> Float[Array, " way"]:
         """Return the bending stiffness that the drives add (N m)."""
@@ -297,12 +211,6 @@ class Threads(Linearised):
         pulled = self.pull * jnp.maximum(drive, 0.0) + self.push_back * jnp.maximum(-drive, 0.0)
         total = self.pretension + jnp.sum(pulled, axis=-1)
         return total if motion.line is None else total + product(self.hold, motion.line)
-
-
-def _turned(strain: NodeStrain) -> Float[Array, "4 4"]:
-    """Return the derivatives of the strains by the edges' relative turn, and of the length."""
-    turned = product(strain.axes, strain.map)
-    return jnp.pad(turned, (0, 1)) + np.diag([0.0, 0.0, 0.0, 1.0])
 
 
 def _around(offset: Float[Array, "lane 2"]) -> Float[Array, "lane 2"]:

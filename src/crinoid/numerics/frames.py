@@ -20,21 +20,15 @@ Vector = Float[Array, " b"]
 Numbers = Float[Array, "..."]
 
 
-def dot(a: Vectors, b: Vectors) -> Numbers:
+def dot(a: Float[Array, "... d"], b: Float[Array, "... d"]) -> Numbers:
     """Return the scalar products of vectors."""
     return jnp.sum(a * b, axis=-1)
 
 
 def cross(a: Array, b: Array) -> Array:
     """Return the vector products of vectors in space."""
-
-    def cycled(vector: Array) -> tuple[Array, Array]:
-        """Permute ``x, y, z`` to ``y, z, x`` and to ``z, x, y``."""
-        twice = jnp.concatenate([vector, vector], axis=-1)
-        return twice[..., 1:4], twice[..., 2:5]
-
-    (a_1, a_2), (b_1, b_2) = cycled(a), cycled(b)
-    return a_1 * b_2 - a_2 * b_1
+    (x, y, z), (u, v, w) = (tuple(each[..., i] for i in range(3)) for each in (a, b))
+    return jnp.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def transport(vector: Vectors, before: Vectors, after: Vectors) -> Vectors:
