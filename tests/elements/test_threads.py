@@ -271,7 +271,8 @@ def test_a_tendon_of_given_length_bends_and_shortens_the_arm_to_it(wound, share,
 
 def test_a_slack_tendon_leaves_the_arm_alone(wound):
     (strains, _, loads), _ = wound(0.0, OFFSET, WINCH["stiffness"], 0.0)
-    assert not loads.any()
+    # of a strain within round-off, as the toe has it
+    assert np.abs(loads).max() < 1e-20
     np.testing.assert_allclose(strains, 0.0, atol=1e-9)
 
 
