@@ -20,9 +20,9 @@ from crinoid.dynamics import (
     Integrator,
     Obstacles,
     Outcome,
-    Progress,
     Settings,
     State,
+    StepStatistics,
     System,
     Touch,
 )
@@ -373,7 +373,7 @@ class Kept(eqx.Module):
 
     def advance(
         self, system: System, command: Array, step: Array | None = None
-    ) -> tuple["Kept", Progress]:
+    ) -> tuple["Kept", StepStatistics]:
         state, account, progress = system.advance_with_account(
             self.state, self.account, command, step
         )

@@ -10,10 +10,10 @@ import xarray as xr
 import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.inverse.experiment import Experiment
+from crinoid.inverse.experiment_record import ExperimentRecord, Holds
 from crinoid.inverse.experiments_file import read_experiments
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.marker import Marker, MarkerWeights
-from crinoid.inverse.record import ExperimentRecord, Holds
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario
 from helpers.command import succeeded

@@ -12,8 +12,8 @@ import xarray as xr
 import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.inverse.experiment import Experiment
+from crinoid.inverse.experiment_record import ExperimentRecord, read_record
 from crinoid.inverse.identification import Identification
-from crinoid.inverse.record import ExperimentRecord, read_record
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.view.figures import write_report

@@ -9,8 +9,8 @@ import pytest
 
 from crinoid.actuation import Input
 from crinoid.foundation.axes import ANGLES
+from crinoid.inverse.experiment_record import read_record
 from crinoid.inverse.marker import Marker
-from crinoid.inverse.record import read_record
 from crinoid.recording import read_dataset
 from crinoid.recording.numbers import Column
 from crinoid.recording.series import read_series

@@ -8,9 +8,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from crinoid.inverse.experiment import Experiment
+from crinoid.inverse.experiment_record import ExperimentRecord, Holds
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.marker import Marker
-from crinoid.inverse.record import ExperimentRecord, Holds
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario
 from crinoid.simulation import equilibrium

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from crinoid.analysis.record import NO_MEAN
+from crinoid.analysis.sea_record import NO_MEAN
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import System

@@ -14,7 +14,7 @@ from scipy.linalg import eig, eigh, expm, solve_discrete_are
 from crinoid.assembly.arrays import array
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.compilation import ONCE, compiled
-from crinoid.control import Balance, Filter, Hybrid, Pendulum
+from crinoid.control import Filter, Hybrid, Pendulum, UprightBalance
 from crinoid.dynamics import SmallMotions, System
 from crinoid.dynamics.modes import of_free
 from crinoid.dynamics.rows import BOUNDARY_NODES
@@ -94,7 +94,7 @@ def build_hybrid(plan: AssembledScenario) -> Hybrid:
     noise = max(_NOISE, math.radians(sensor.noise_deg))
     servo = system.base.servo.natural[0]
     try:
-        balance = Balance(
+        balance = UprightBalance(
             modes=array(to_modes),
             gain=array(_gain(upright, limits, float(servo), plan.period, length)),
             capture=array(_capture(upright, limits)),

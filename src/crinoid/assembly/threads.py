@@ -29,7 +29,7 @@ _NONE = -1
 class ThreadParameters(ActuatorParameters):
     """The numbers of all chambers and tendons of an arm, the chambers first.
 
-    Drives are in the unit of their keys: Pa or N, and of a line m3 or m (`crinoid.dynamics.threads`
+    Drives are in the unit of their keys: Pa or N, and of a line m3 or m (`crinoid.dynamics.lines`
     says what a line is). Commands and schedules are shares of the largest drive.
     """
 

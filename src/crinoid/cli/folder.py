@@ -14,7 +14,7 @@ import netCDF4
 from crinoid.analysis.current import FLOW
 from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.margins import MARGINS
-from crinoid.analysis.record import RECORD
+from crinoid.analysis.sea_record import RECORD
 from crinoid.analysis.state_space import RESPONSE
 from crinoid.analysis.vibrations import MODES
 from crinoid.foundation.atomic_file import remove_unfinished

@@ -73,7 +73,7 @@ def flow(scenario: str, settings: list[str] | None, out: Path | None, *, force: 
     bag = (path / "metadata.yaml").is_file()
     if bag or (path.suffix.lower() not in ("", ".toml") and path.exists()):
         with Loading():
-            from crinoid.cli.record import show_record
+            from crinoid.cli.sea_record import show_record
 
         show_record(scenario, settings or (), folder, force=force)
         return

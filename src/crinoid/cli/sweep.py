@@ -15,7 +15,7 @@ from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
-from crinoid.analysis.record import SHARE, SPEED
+from crinoid.analysis.sea_record import SHARE, SPEED
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
 from crinoid.cli.display import (

@@ -19,10 +19,10 @@ from crinoid.control.forecast import Along as Along
 from crinoid.control.forecast import Forecast as Forecast
 from crinoid.control.forecast import FrozenTurbulenceForecast as FrozenTurbulenceForecast
 from crinoid.control.forecast import KnownWater as KnownWater
-from crinoid.control.hybrid import Balance as Balance
 from crinoid.control.hybrid import Filter as Filter
 from crinoid.control.hybrid import Hybrid as Hybrid
 from crinoid.control.hybrid import Pendulum as Pendulum
+from crinoid.control.hybrid import UprightBalance as UprightBalance
 from crinoid.control.lqg import Lqg as Lqg
 from crinoid.control.lqg import Observer as Observer
 from crinoid.control.mpc import Mpc as Mpc

@@ -88,7 +88,7 @@ class Filter(eqx.Module):
         return motion
 
 
-class Balance(eqx.Module):
+class UprightBalance(eqx.Module):
     """Balance of the upright arm in small motions: modes, filter, LQR gain and capture."""
 
     modes: Float[Array, "mode station"]
@@ -147,7 +147,7 @@ class Hybrid(Controller):
     """
 
     pendulum: Pendulum
-    balance: Balance
+    balance: UprightBalance
     sensor: str = eqx.field(static=True)
     """Name of the sensor of inclinations."""
     channel: int = eqx.field(static=True)

@@ -18,6 +18,7 @@ from crinoid.dynamics.hull import Hull as Hull
 from crinoid.dynamics.hull import HullTouch as HullTouch
 from crinoid.dynamics.hull import first_far_edge as first_far_edge
 from crinoid.dynamics.integrator import Integrator as Integrator
+from crinoid.dynamics.lines import LengthControlledThreads as LengthControlledThreads
 from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import ModesError as ModesError
 from crinoid.dynamics.modes import find_modes as find_modes
@@ -26,8 +27,8 @@ from crinoid.dynamics.newton import Settings as Settings
 from crinoid.dynamics.obstacles import Obstacles as Obstacles
 from crinoid.dynamics.obstacles import Touch as Touch
 from crinoid.dynamics.outcome import Outcome as Outcome
-from crinoid.dynamics.outcome import Progress as Progress
 from crinoid.dynamics.outcome import Reason as Reason
+from crinoid.dynamics.outcome import StepStatistics as StepStatistics
 from crinoid.dynamics.outcome import round_off_note as round_off_note
 from crinoid.dynamics.self_contact import FarEdges as FarEdges
 from crinoid.dynamics.self_contact import SelfTouch as SelfTouch
@@ -37,7 +38,6 @@ from crinoid.dynamics.small_motions import SmallMotions as SmallMotions
 from crinoid.dynamics.state import EnergyAccount as EnergyAccount
 from crinoid.dynamics.state import State as State
 from crinoid.dynamics.system import System as System
-from crinoid.dynamics.threads import LengthControlledThreads as LengthControlledThreads
 from crinoid.dynamics.transition import LocalCoordinates as LocalCoordinates
 from crinoid.dynamics.transition import Transition as Transition
 from crinoid.dynamics.transition import numbers_of as numbers_of

@@ -14,9 +14,9 @@ from jaxtyping import Array, Float, Int
 
 from crinoid.dynamics import windows
 from crinoid.dynamics.far_contact import FarContact
+from crinoid.dynamics.lines import LengthControlledThreads
 from crinoid.dynamics.obstacles import Obstacles
 from crinoid.dynamics.rows import RowLayout
-from crinoid.dynamics.threads import LengthControlledThreads
 from crinoid.dynamics.vehicle import Vehicle
 from crinoid.elements import Bend, Element, Inertia, Motion, Stretch
 from crinoid.flow import Water

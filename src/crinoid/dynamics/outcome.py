@@ -193,7 +193,7 @@ def cos_turn_angle(forces: Forces, position: Float[Array, "rows b"]) -> Float[Ar
     return jnp.where(resists, cosine, 1.0)
 
 
-class Progress(eqx.Module):
+class StepStatistics(eqx.Module):
     """Statistics of the solves of one or several time steps."""
 
     outcome: Outcome | None
@@ -208,15 +208,15 @@ class Progress(eqx.Module):
     """Newton iterations of all solves, failed ones included."""
 
     @staticmethod
-    def of_nothing(outcome: Outcome | None = None) -> "Progress":
+    def of_nothing(outcome: Outcome | None = None) -> "StepStatistics":
         """Return the statistics of no solves."""
         zero, none = jnp.zeros(()), jnp.asarray(0)
-        return Progress(outcome, zero, zero, none, none)
+        return StepStatistics(outcome, zero, zero, none, none)
 
-    def with_solve(self, outcome: Outcome) -> "Progress":
+    def with_solve(self, outcome: Outcome) -> "StepStatistics":
         """Return the statistics with one more solve."""
         good = outcome.converged
-        return Progress(
+        return StepStatistics(
             outcome,
             jnp.maximum(self.residual, jnp.where(good, outcome.residual, 0.0)),
             jnp.maximum(self.error, jnp.where(good, outcome.error, 0.0)),
@@ -231,8 +231,8 @@ def halve(
     length: Float[Array, ""],
     max_halvings: Int[Array, ""],
     max_error: Float[Array, ""],
-    before: Progress,
-) -> tuple[Any, Progress]:
+    before: StepStatistics,
+) -> tuple[Any, StepStatistics]:
     """Advance a state, any pytree, by ``length`` (s), in substeps where ``step`` fails.
 
     The statistics of its solves add to those of the time steps ``before``.
@@ -242,13 +242,13 @@ def halve(
     """
     whole = 2**max_halvings  # length of the step in units of the shortest substep
 
-    def unfinished(carry: tuple[Any, Progress, Array, Array]) -> Bool[Array, ""]:
+    def unfinished(carry: tuple[Any, StepStatistics, Array, Array]) -> Bool[Array, ""]:
         _, _, done, part = carry
         return (done < whole) & (part > 0)
 
     def attempt(
-        carry: tuple[Any, Progress, Array, Array],
-    ) -> tuple[Any, Progress, Array, Array]:
+        carry: tuple[Any, StepStatistics, Array, Array],
+    ) -> tuple[Any, StepStatistics, Array, Array]:
         state, progress, done, part = carry
         new, outcome = step(state, length * (part / whole))
         good = outcome.converged

@@ -21,7 +21,7 @@ from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Settings
 from crinoid.dynamics.outcome import (
     Outcome,
-    Progress,
+    StepStatistics,
     halve,
     warn_of_round_off,
 )
@@ -259,7 +259,7 @@ class System(TimeStepper):
 
     def advance(
         self, state: State, command: Command, step: float | Array | None = None
-    ) -> tuple[State, Progress]:
+    ) -> tuple[State, StepStatistics]:
         """Advance by one time step, halving it where Newton's method or the error limit fails.
 
         The shortest substep is ``2**-max_halvings`` of the step; if it fails too, the last good
@@ -273,14 +273,14 @@ class System(TimeStepper):
 
         Returns
         -------
-        tuple of State and `crinoid.dynamics.Progress`
+        tuple of State and `crinoid.dynamics.StepStatistics`
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
 
         def once(state: State, part: Array) -> tuple[State, Outcome]:
             return self.step(state, command, part)
 
-        none = Progress.of_nothing()
+        none = StepStatistics.of_nothing()
         return halve(once, state, h, self.max_halvings, self.max_error, none)
 
     def advance_with_account(
@@ -289,8 +289,8 @@ class System(TimeStepper):
         account: EnergyAccount,
         command: Command,
         step: float | Array | None = None,
-        before: Progress | None = None,
-    ) -> tuple[State, EnergyAccount, Progress]:
+        before: StepStatistics | None = None,
+    ) -> tuple[State, EnergyAccount, StepStatistics]:
         """Advance like `advance`, and keep the account of works over each substep.
 
         The statistics are those ``before``, if any, and of this time step.
@@ -310,7 +310,7 @@ class System(TimeStepper):
             h,
             self.max_halvings,
             self.max_error,
-            before or Progress.of_nothing(),
+            before or StepStatistics.of_nothing(),
         )
         return state, account, progress
 

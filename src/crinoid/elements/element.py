@@ -45,7 +45,7 @@ class Motion(eqx.Module):
     drive
         Drives of the actuators (`crinoid.Actuator`), each in its unit.
     line
-        Loads of lines (``crinoid.dynamics.threads``): tensions (N), pressures (Pa).
+        Loads of lines (``crinoid.dynamics.lines``): tensions (N), pressures (Pa).
     memory
         What the law of a window remembers (`Element.prepared`); None in an equilibrium.
     step

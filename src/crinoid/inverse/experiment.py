@@ -16,9 +16,9 @@ from crinoid.assembly.threads import ThreadParameters
 from crinoid.control import Playback
 from crinoid.dynamics import Reason
 from crinoid.foundation.axes import AXES, POSE
+from crinoid.inverse.experiment_record import ExperimentRecord, stuck, within_reach
 from crinoid.inverse.marker import TIP, MarkerWeights
 from crinoid.inverse.motion import ArmMotion, Numbers, follow, settle
-from crinoid.inverse.record import ExperimentRecord, stuck, within_reach
 from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.simulation import Loop, closed_loop

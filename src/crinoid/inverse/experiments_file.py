@@ -11,8 +11,8 @@ from typing import Any
 from pydantic import Field
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.inverse.experiment_record import ExperimentRecord, read_record
 from crinoid.inverse.marker import Marker
-from crinoid.inverse.record import ExperimentRecord, read_record
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Mistake, Scenario, ScenarioError, got
 from crinoid.scenario.document import RecordFile, anchor, parse

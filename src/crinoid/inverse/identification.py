@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from crinoid.foundation.axes import AXES
 from crinoid.inverse import StoppedError
 from crinoid.inverse.experiment import Experiment, RecordComparison
-from crinoid.inverse.record import ExperimentRecord
+from crinoid.inverse.experiment_record import ExperimentRecord
 from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.inverse.weights import RecordWeights
 from crinoid.results.dataset import describe, described

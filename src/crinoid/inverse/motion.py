@@ -15,8 +15,8 @@ from crinoid.assembly.system import assemble
 from crinoid.assembly.threads import ThreadParameters
 from crinoid.compilation import ONCE, SOMETIMES, compiled
 from crinoid.dynamics import Outcome, State, System
+from crinoid.inverse.experiment_record import Holds
 from crinoid.inverse.marker import MarkerWeights
-from crinoid.inverse.record import Holds
 from crinoid.simulation import Loop, rollout, with_parameters
 
 Numbers = tuple[Parameters, MarkerWeights]

@@ -21,8 +21,8 @@ from crinoid.inverse.gradient_search import GradientSearch
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
 from crinoid.inverse.stability import StabilityMargin
-from crinoid.inverse.threads import results
 from crinoid.inverse.trial_runs import TrialRuns
+from crinoid.inverse.workers import results
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError, refusal
 

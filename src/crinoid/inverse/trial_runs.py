@@ -15,8 +15,8 @@ from crinoid.inverse.stability import StabilityMargin
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.batch import run_batch
+from crinoid.simulation.equilibrium import settle
 from crinoid.simulation.run import SimulationError
-from crinoid.simulation.statics import settle
 
 
 class TrialRuns:

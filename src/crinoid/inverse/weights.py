@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import maximum_filter, median_filter
 
 from crinoid.inverse.experiment import Experiment, RecordComparison
+from crinoid.inverse.experiment_record import LOST
 from crinoid.inverse.motion import ArmMotion
-from crinoid.inverse.record import LOST
 from crinoid.numerics.signals_and_systems import integral_time
 from crinoid.scenario import refusal
 

@@ -63,7 +63,7 @@ class Record(eqx.Module):
     branch_tension: Float[Array, "*t e"] | None = None
     """Axial force of the Maxwell branches of a material that relaxes (N)."""
     line: Float[Array, "*t line"] | None = None
-    """Tensions (N) and pressures (Pa) of lines (``crinoid.dynamics.threads``)."""
+    """Tensions (N) and pressures (Pa) of lines (``crinoid.dynamics.lines``)."""
     vortices: VortexForces | None = None
     """Forces of shed vortices per length, and their phase."""
     self_touch: SelfTouch | None = None

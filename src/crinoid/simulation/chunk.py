@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Int
 
 from crinoid.actuation import drives
 from crinoid.compilation import OFTEN, SOMETIMES, Program, compiled
-from crinoid.dynamics import ActingForces, FarEdges, Hull, Outcome, Progress, State
+from crinoid.dynamics import ActingForces, FarEdges, Hull, Outcome, State, StepStatistics
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState
 
@@ -110,7 +110,7 @@ def _advance_to_instant(
     now = record(loop, carry)
     is_due = carry.steps == due
     tally = jax.tree.map(
-        lambda none, some: jnp.where(is_due, none, some), Progress.of_nothing(), carry.tally
+        lambda none, some: jnp.where(is_due, none, some), StepStatistics.of_nothing(), carry.tally
     )
     return eqx.tree_at(lambda c: c.tally, carry, tally), now, is_due, outcome
 

@@ -25,7 +25,7 @@ from crinoid.control import (
     SensorState,
     Target,
 )
-from crinoid.dynamics import EnergyAccount, Outcome, Progress, State, System
+from crinoid.dynamics import EnergyAccount, Outcome, State, StepStatistics, System
 
 __all__ = ["controller_cpu_time"]
 
@@ -44,7 +44,7 @@ class LoopState(eqx.Module):
     command: Float[Array, " input"]
     steps: Int[Array, ""]
     """Time steps taken so far."""
-    tally: Progress
+    tally: StepStatistics
     """Sums over the time steps since the last instant that was saved."""
 
 
@@ -81,7 +81,7 @@ class Loop(eqx.Module):
             jnp.asarray(0),
             command,
             jnp.asarray(0),
-            Progress.of_nothing(),
+            StepStatistics.of_nothing(),
         )
 
     @property
@@ -208,7 +208,11 @@ class Loop(eqx.Module):
         )
 
     def _advanced(
-        self, commanded: LoopState, state: State, books: EnergyAccount | None, progress: Progress
+        self,
+        commanded: LoopState,
+        state: State,
+        books: EnergyAccount | None,
+        progress: StepStatistics,
     ) -> LoopState:
         """Return the loop when the arm has moved."""
         assert progress.outcome is not None

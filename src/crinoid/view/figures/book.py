@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from crinoid.analysis.equilibria import CURVE
-from crinoid.analysis.record import RECORD
+from crinoid.analysis.sea_record import RECORD
 from crinoid.analysis.state_space import RESPONSE
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
@@ -28,8 +28,8 @@ from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_ny
 from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.paper import draw_chart
-from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.response import draw_response
+from crinoid.view.figures.sea_record import draw_record
 from crinoid.view.figures.searches import (
     draw_identification,
     draw_optimisation,

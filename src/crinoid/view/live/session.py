@@ -14,7 +14,7 @@ from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.diagnostics.plausibility import plausibility_warnings
-from crinoid.dynamics import EnergyAccount, Outcome, Progress
+from crinoid.dynamics import EnergyAccount, Outcome, StepStatistics
 from crinoid.results.record import Record
 from crinoid.results.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -269,5 +269,5 @@ class LiveSession(SteppedRun):
 def _opened(loop: Loop, carry: LoopState) -> LoopState:
     """Return a state whose works and impulses are zero."""
     account = EnergyAccount.of(loop.system.forces, carry.state)
-    opened = replace(carry, books=account, tally=Progress.of_nothing())
+    opened = replace(carry, books=account, tally=StepStatistics.of_nothing())
     return jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), opened)

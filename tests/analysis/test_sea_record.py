@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from crinoid.analysis.record import (
+from crinoid.analysis.sea_record import (
     histogram,
     principal,
     record_dataset,

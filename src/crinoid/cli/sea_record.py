@@ -11,7 +11,7 @@ import xarray as xr
 from rich import box
 from rich.table import Table
 
-from crinoid.analysis.record import (
+from crinoid.analysis.sea_record import (
     HISTOGRAM,
     RECORD,
     SHARE,
