@@ -116,8 +116,11 @@ ROUNDING = 4.0
 Eight times the largest round-off of a number, eps / 2, because elements round as well. Inertia
 counts as if it followed from positions, which matters in steps below 0.1 ms.
 """
-NOISE = 1 / 16
-"""Share of mean round-off, eps / 4, in the floor, down to which iterations go on."""
+NOISE = 1 / 4
+"""Share of the floor down to which iterations go on.
+
+The residual of an arm at rest is within it: below it there is nothing to gain.
+"""
 CHORD_MARGIN = 4.0
 """Safety factor on the expected success of an iteration with an old tangent."""
 AGED_CONTRACTION = 1e-3
