@@ -141,7 +141,7 @@ class Stretch(Elastic):
 
 
 class Bend(Elastic):
-    """Bend, and in space twist, at a `crinoid.elements.node.Node` between two edges.
+    """Bend, and in space twist, at a node between two edges (``crinoid.elements.node``).
 
     ``K`` is ``EI / l``, in space ``EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length over which the
     node integrates the strain (after Bergou et al. 2008, eq. 1; 2010, section 4.1.1). The strain

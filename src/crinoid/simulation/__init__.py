@@ -11,6 +11,7 @@ from crinoid.simulation.differentiable_run import rollout as rollout
 from crinoid.simulation.differentiable_run import with_parameters as with_parameters
 from crinoid.simulation.equilibrium import equilibrium as equilibrium
 from crinoid.simulation.equilibrium import settle as settle
+from crinoid.simulation.lateness import Lateness as Lateness
 from crinoid.simulation.loop import Loop as Loop
 from crinoid.simulation.loop import LoopState as LoopState
 from crinoid.simulation.run import Progress as Progress
