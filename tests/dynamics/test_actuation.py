@@ -79,7 +79,8 @@ def system():
 
 @pytest.fixture(scope="module")
 def runs(system):
-    return [march(system, 1e-3, 0.02 / n, 50 * n) for n in (1, 2, 4)]
+    # so large that errors of the step, not round-off, open the balance of energy
+    return [march(system, 1e-2, 0.02 / n, 50 * n) for n in (1, 2, 4)]
 
 
 def test_inputs_name_the_channels_and_then_the_actuators(system):
@@ -92,7 +93,7 @@ def test_inputs_name_the_channels_and_then_the_actuators(system):
 def test_the_drive_follows_its_command_and_bends_the_arm(system, runs):
     for state, _, converged in runs:
         assert converged
-        np.testing.assert_allclose(state.actuators[0], 1e-3 * (1 - np.exp(-1.0 / LAG)), rtol=1e-9)
+        np.testing.assert_allclose(state.actuators[0], 1e-2 * (1 - np.exp(-1.0 / LAG)), rtol=1e-9)
     # in the end as far as the same force would
     end, _, converged = march(system, 1e-3, 0.1, 100)
     assert converged
