@@ -12,6 +12,7 @@ import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Integrator
 from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.tangent_assembly import assemble_tangent
 from crinoid.elements import Pair
 from crinoid.numerics.frames import moments
 from helpers.arms import QUICKLY, acting, arm, obstacles, order
@@ -438,7 +439,7 @@ def test_the_tangent_is_the_slope_of_the_residual():
     def solved(rhs):
         current = forces.surroundings(stage, jnp.asarray(turned))
         now = forces.motion(stage, jnp.asarray(turned), current)
-        return forces.tangent(stage, now, current).solve(rhs)
+        return assemble_tangent(forces, stage, now, current).solve(rhs)
 
     @jax.jit
     def along(correction, way):

@@ -16,6 +16,7 @@ from scipy.optimize import brentq, root
 from crinoid.dynamics import ActingForces, Context, Forces, System
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.tangent_assembly import assemble_tangent
 from crinoid.flow import Water
 from crinoid.numerics.frames import Frames, Orientation, spun, tangents, transport
 from helpers import slender
@@ -327,7 +328,7 @@ def _stiffness(stretch, bend, position, orientation):
     stage = StepMap(none, position, zero, zero, jnp.ones(()), none, none, frames)
     around = forces.surroundings(stage, zero)
     motion = forces.motion(stage, zero, around)
-    return forces.residual(motion)[0], forces.tangent(stage, motion, around).bands
+    return forces.residual(motion)[0], assemble_tangent(forces, stage, motion, around).bands
 
 
 def held_at_both_ends(places, twist, *, GJ, joint):

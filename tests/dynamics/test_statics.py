@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
+from crinoid.dynamics.tangent_assembly import assemble_tangent
 from helpers.arms import QUICKLY, acting, dense, facing, order
 from helpers.elastica import CRITICAL, LIMP, UPRIGHT
 from helpers.slender import (
@@ -312,7 +313,7 @@ def at_rest(system, position):
     motion = forces.motion(stage, zero, current)
     residual, _ = forces.residual(motion)
     energy = forces.arm.energy(motion)
-    return residual, forces.tangent(stage, motion, current).bands, energy
+    return residual, assemble_tangent(forces, stage, motion, current).bands, energy
 
 
 def lowest_stiffness(system, position):

@@ -40,7 +40,7 @@ from crinoid.elements import (
     Stretch,
     Weight,
 )
-from crinoid.elements.contact import surfaces
+from crinoid.elements.soft_skin import surfaces
 from crinoid.flow import Flow, Water
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.ramp import Onset

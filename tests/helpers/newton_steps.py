@@ -11,6 +11,7 @@ from crinoid.dynamics import ActingForces
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.start import clamped
+from crinoid.dynamics.tangent_assembly import assemble_tangent
 from helpers.arms import QUICKLY
 
 
@@ -29,7 +30,7 @@ def slopes(forces, stage):
         # the water is expanded from where it is looked up
         return forces.residual(forces.motion(stage, correction, around))[0]
 
-    tangent = forces.tangent(stage, motion, around)
+    tangent = assemble_tangent(forces, stage, motion, around)
     return tangent.bands, tangent.of_lines, jax.jacfwd(residual)(none)
 
 
@@ -90,7 +91,7 @@ def solve_afloat(system, drive, noise, rhs):
     def residual(correction):
         return forces.residual(forces.motion(stage, correction, around))[0]
 
-    tangent = forces.tangent(stage, forces.motion(stage, noise[2], around), around)
+    tangent = assemble_tangent(forces, stage, forces.motion(stage, noise[2], around), around)
     solved = tangent.solve(rhs)
     product = jax.jvp(residual, (noise[2],), (solved,))[1]
     return solved, factored(tangent, rhs), product, tangent.on_held(solved)

@@ -29,7 +29,7 @@ from crinoid.elements import (
     Surface,
 )
 from crinoid.elements.bodies import capsule_inertia
-from crinoid.elements.contact import surfaces
+from crinoid.elements.soft_skin import surfaces
 from crinoid.numerics.grid_spline import GridSpline
 from crinoid.rod import Rod
 from crinoid.scenario import Mesh, Obstacle, Plane, Scenario, Seabed

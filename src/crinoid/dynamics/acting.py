@@ -1,14 +1,13 @@
-"""Forces that act in a context: residual, tangent matrix, gaps of contacts."""
+"""Forces that act in a context: residual, motion of all rows, gaps of contacts."""
 
 from dataclasses import fields, replace
-from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm, prepared
@@ -16,10 +15,9 @@ from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces, Points, Rows
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, VEHICLE_ROWS
-from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.vehicle import VehicleKinematics, unknowns, vehicle_rows
 from crinoid.dynamics.windows import Surroundings
-from crinoid.elements import Element, Motion, Pose, VehiclePose
+from crinoid.elements import Motion, Pose, VehiclePose
 from crinoid.flow import Current, Water
 from crinoid.numerics import banded
 
@@ -159,9 +157,9 @@ class ActingForces(Forces):
             stage.velocity + stage.by_velocity * correction,
             stage.acceleration + stage.by_acceleration * correction,
         )
-        return self._moving(stage, rows, around)
+        return self.moving_rows(stage, rows, around)
 
-    def _moving(self, stage: StepMap, rows: tuple[Rows, ...], around: Surroundings) -> Motion:
+    def moving_rows(self, stage: StepMap, rows: tuple[Rows, ...], around: Surroundings) -> Motion:
         """Return the motion from all rows except those clamped on a vehicle."""
         position, velocity, acceleration = rows
         frames, clamp = stage.frames, self.context.clamp
@@ -221,108 +219,10 @@ class ActingForces(Forces):
             return rows, largest
         pushed = jnp.zeros((VEHICLE_ROWS, size))
         if self.context.clamp is not None:
-            pushed = self._on_vehicle(motion, rows[:BOUNDARY_NODES])
+            pushed = self.on_vehicle(motion, rows[:BOUNDARY_NODES])
         return jnp.concatenate([rows, pushed]), largest
 
-    def tangent(
-        self,
-        stage: StepMap,
-        motion: Motion,
-        around: Surroundings,
-        load_factor: Array | None = None,
-    ) -> Tangent:
-        """Return d(residual)/d(correction), assembled from the elements' Jacobians."""
-        size = motion.position.shape[1]
-        num_nodes = self.nodes(motion.position).shape[0]
-        slopes = (around.velocity_slope, around.acceleration_slope)
-
-        def jacobian(laws: windows.Laws, window: Motion, slopes: windows.Slopes) -> Array:
-            return windows.jacobian(
-                windows.tangent_direction(stage, slopes), laws, window, load_factor
-            )
-
-        jacobians = jax.vmap(jacobian)
-        blocks: list[tuple[int, Array]] = []
-        for first, laws in windows.groups(self.arm.laws, self.axes):
-            element = laws[0][0]
-            at = partial(
-                banded.gather, first=first, count=windows.count(element), stencil=element.stencil
-            )
-            along = jax.tree.map(at, slopes)
-            blocks.append((first, jacobians(laws, windows.motion_windows(element, motion), along)))
-        obstacles = self.obstacles
-        if obstacles is not None:
-            pairs = obstacles.motions(self.obstacle_motion(motion), self.pose)
-            # contact does not depend on the water
-            still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
-            touch = obstacles.each(
-                lambda e, m, s: jacobian(((e, None),), m, (s, None)), pairs, still
-            )
-            touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
-            on_edges = obstacles.on_edges(jnp.sum(touch[:, :, :2, :, :2], axis=0))
-            blocks.append((obstacles.contact.first, on_edges))
-        bands = banded.assemble(blocks, num_nodes, size)
-        border = None
-        if obstacles is not None and obstacles.bodies is not None and self.free:
-
-            def of_rows(element: Element, window: Motion, rows: Int[np.ndarray, "w k"]) -> Array:
-                along = jax.tree.map(lambda slope: slope[num_nodes + rows], slopes)
-                return jacobians(((element, None),), window, along)
-
-            near = self.obstacle_motion(motion)
-            own = obstacles.bodies.stiffness(near, self.pose, of_rows)
-            border = obstacles.border(touch, own, num_nodes)
-
-        def of_window(contact: Element, window: Motion) -> Array:
-            still = jnp.zeros((*window.flow_velocity.shape, self.axes))
-            return jacobian(((contact, None),), window, (still, None))
-
-        far = [
-            each.stiffness(motion, self.heading, of_window, num_nodes) for each in self.far_contacts
-        ]
-        extra = self.extra(size)
-        own_unknowns = 0 if border is None else border.corner.shape[0]
-        bodies = extra[:own_unknowns]
-        tangent = Tangent(bands, border, bodies, far=sum(far[1:], far[0]) if far else None)
-        if self.context.clamp is not None:
-            tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
-        if self.lines is None:
-            return tangent
-
-        def residual(line: Array | None) -> Rows:
-            return self.residual(replace(motion, line=line), load_factor)[0]
-
-        follow = self.lines.slopes(self.arm, stage, motion, num_nodes)
-        return tangent.coupled(LineStiffness(jax.jacfwd(residual)(motion.line), follow))
-
-    def _with_vehicle(
-        self,
-        tangent: Tangent,
-        stage: StepMap,
-        motion: Motion,
-        around: Surroundings,
-        load_factor: Array | None,
-    ) -> Tangent:
-        """Border a tangent by the unknowns of the vehicle, which move the clamp."""
-        rows, size = motion.position.shape
-        own = np.array(unknowns(self.axes, size))
-        rates = (stage.by_position, stage.by_velocity, stage.by_acceleration)
-
-        def along(way: Float[Array, "rows b"]) -> Rows:
-            def residual(*moving: Rows) -> Rows:
-                return self.residual(self._moving(stage, moving, around), load_factor)[0]
-
-            return jax.jvp(residual, _rows(motion), tuple(rate * way for rate in rates))[1]
-
-        def push(held: Float[Array, "held b"]) -> Float[Array, " p"]:
-            return self._on_vehicle(motion, held, alone=False).reshape(-1)[own]
-
-        ways = np.zeros((own.size, rows * size))
-        ways[np.arange(own.size), (rows - VEHICLE_ROWS) * size + own] = 1.0
-        columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
-        return tangent.bordered(columns, push, self.extra(size)[len(tangent.extra) :])
-
-    def _on_vehicle(
+    def on_vehicle(
         self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True
     ) -> Float[Array, "2 b"]:
         """Return the residual of the vehicle's rows for forces on the clamp.
@@ -332,7 +232,7 @@ class ActingForces(Forces):
         vehicle, clamp = self.vehicle, self.context.clamp
         assert vehicle is not None
         assert clamp is not None
-        kinematics = self._kinematics(_rows(motion))
+        kinematics = self._kinematics(rows_of_motion(motion))
         force, moment = kinematics.resultant(clamp, held)
         if alone:
             own = vehicle.residual(
@@ -359,13 +259,14 @@ class ActingForces(Forces):
         """Return the motion of nodes and obstacles."""
         if self.vehicle is None:
             return motion
-        parts = (*_rows(motion), motion.flow_velocity, motion.flow_acceleration)
+        parts = (*rows_of_motion(motion), motion.flow_velocity, motion.flow_acceleration)
         return eqx.tree_at(
-            lambda m: (*_rows(m), m.flow_velocity, m.flow_acceleration),
+            lambda m: (*rows_of_motion(m), m.flow_velocity, m.flow_acceleration),
             motion,
             tuple(part[self.rows.arm_and_obstacles] for part in parts),
         )
 
 
-def _rows(motion: Motion) -> tuple[Any, Any, Any]:
+def rows_of_motion(motion: Motion) -> tuple[Any, Any, Any]:
+    """Return position, velocity and acceleration of all rows."""
     return motion.position, motion.velocity, motion.acceleration

@@ -11,6 +11,7 @@ from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import Tangent
+from crinoid.dynamics.tangent_assembly import assemble_tangent
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
 
@@ -37,7 +38,7 @@ class Balance(eqx.Module):
 
     def tangent(self, motion: Motion) -> Tangent:
         """Return d(residual)/d(correction)."""
-        return self.forces.tangent(self.stage, motion, self.around, self.load_factor)
+        return assemble_tangent(self.forces, self.stage, motion, self.around, self.load_factor)
 
 
 def implicit_derivative(

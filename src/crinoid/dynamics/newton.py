@@ -13,9 +13,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_tangents
+from crinoid.dynamics.bordered import TangentFactors
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
-from crinoid.dynamics.tangent import TangentFactors
 from crinoid.foundation.fixed_numbers import (
     AGED_CONTRACTION,
     CHORD_MARGIN,

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from crinoid.dynamics.bordered import Border
 from crinoid.dynamics.free_bodies import FreeBodies
-from crinoid.dynamics.tangent import Border
 from crinoid.elements import Contact, Motion, Pose, Surface, SurfaceContact
 from crinoid.numerics import banded
 

@@ -17,6 +17,7 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.state import State, tip_pose
 from crinoid.dynamics.tangent import LineStiffness, Tangent
+from crinoid.dynamics.tangent_assembly import assemble_tangent
 from crinoid.numerics import banded
 from crinoid.numerics.small_matrices import product
 
@@ -78,7 +79,7 @@ def influence(base: Base, forces: Forces, state: State) -> Influence:
         loads = jax.jacfwd(balance)(context.drive)
     lines = None
     if forces.lines is not None or forces.far_contacts:
-        lines = acting.tangent(stage, acting.motion(stage, none, around), around).of_lines
+        lines = assemble_tangent(acting, stage, acting.motion(stage, none, around), around).of_lines
     return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)
 
 
@@ -116,7 +117,7 @@ def linearise(laws: Forces, state: State, current: Float[Array, " d"]) -> SmallM
         flows = jnp.where(steady, speed * current, around.velocity)
         slope = jnp.where(steady, 0.0, around.velocity_slope)
         around = eqx.tree_at(lambda a: (a.velocity, a.velocity_slope), around, (flows, slope))
-        return forces.tangent(stage, forces.motion(stage, zero, around), around).bands
+        return assemble_tangent(forces, stage, forces.motion(stage, zero, around), around).bands
 
     of = jnp.eye(3)[jnp.array([0, 2, 0, 1, 0, 1])]
     steady = jnp.array([False, False, True, True, True, True])
@@ -143,5 +144,8 @@ def _elastic(
     memory = zip(forces.elements, forces.arm.memory_at_start(motion), strict=True)
     strained = tuple(held if hasattr(one, "material") else None for one, held in memory)
     at_once = ActingForces.of(laws, context.remembering(strained, jnp.zeros(())))
-    more = at_once.tangent(stage, at_once.motion(stage, zero, around), around).bands - relaxed
+    more = (
+        assemble_tangent(at_once, stage, at_once.motion(stage, zero, around), around).bands
+        - relaxed
+    )
     return more / jnp.sum(stretch.material.relaxation[0, 0])

@@ -8,7 +8,6 @@ from crinoid.elements.body_contact import BodyContact as BodyContact
 from crinoid.elements.body_contact import Pair as Pair
 from crinoid.elements.contact import Ball as Ball
 from crinoid.elements.contact import Contact as Contact
-from crinoid.elements.contact import SoftSkin as SoftSkin
 from crinoid.elements.elastic import Bend as Bend
 from crinoid.elements.elastic import Inertia as Inertia
 from crinoid.elements.elastic import Stretch as Stretch

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import rows_of
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.rigid import Pose
+from crinoid.elements.soft_skin import rows_of
 from crinoid.elements.water import smooth_speed
 from crinoid.foundation.fixed_numbers import CROSS_FLOW_DRAG, SPHERE_DRAG
 from crinoid.numerics.frames import cross, moments, rotation_velocity

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import Contact, eased_direction, rows_of, size
+from crinoid.elements.contact import Contact
 from crinoid.elements.element import Motion
 from crinoid.elements.rigid import Pose, RigidMotion
+from crinoid.elements.soft_skin import eased_direction, rows_of, size
 from crinoid.foundation.fixed_numbers import BODY_SKIN, SKIN_WEIGHTS
 from crinoid.numerics.frames import moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product

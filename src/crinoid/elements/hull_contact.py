@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import SoftSkin, closest_of_cores, size, surfaces
 from crinoid.elements.element import Motion
 from crinoid.elements.rigid import VehiclePose
 from crinoid.elements.self_contact import carried
+from crinoid.elements.soft_skin import SoftSkin, closest_of_cores, size, surfaces
 from crinoid.foundation.fixed_numbers import EASE, SKIN
 from crinoid.numerics.frames import cross, rotate_90, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product

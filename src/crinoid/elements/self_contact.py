@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from crinoid.elements.contact import SoftSkin, closest_of_cores, size, surfaces
 from crinoid.elements.element import Motion
+from crinoid.elements.soft_skin import SoftSkin, closest_of_cores, size, surfaces
 from crinoid.foundation.fixed_numbers import EASE, SKIN
 from crinoid.numerics.frames import cross, unit
 from crinoid.numerics.small_matrices import product
