@@ -1,4 +1,4 @@
-"""Context of the forces: what they depend on besides the motion at the end of a step."""
+"""Context of the forces: drives, memory, grip and attitudes of a time step."""
 
 from dataclasses import replace
 from typing import Any
@@ -24,7 +24,7 @@ class Context(eqx.Module):
     step: Float[Array, ""] | None = None
     """Length of the step (s); required with a memory."""
     grip: GripState | None = None
-    """Grip of a tool, if touches take it up or let it go."""
+    """Grip of a tool, if touches change it."""
     pose: Pose | None = None
     """Attitude of the obstacles at the start of the step; None for that of a run."""
     heading: VehiclePose | None = None

@@ -26,6 +26,7 @@ from crinoid.elements.oscillators import WakeOscillator as WakeOscillator
 from crinoid.elements.rigid import Pose as Pose
 from crinoid.elements.rigid import VehiclePose as VehiclePose
 from crinoid.elements.self_contact import SelfContact as SelfContact
+from crinoid.elements.soft_skin import SoftSkin as SoftSkin
 from crinoid.elements.surface_contact import Bed as Bed
 from crinoid.elements.surface_contact import BodySurfaceContact as BodySurfaceContact
 from crinoid.elements.surface_contact import SignedDistance as SignedDistance
