@@ -82,7 +82,7 @@ def touching(dimension):
 
 @eqx.filter_jit
 def pushed(forces, motion):
-    return forces.obstacles.push(motion, forces.pose)
+    return forces.obstacles.push(motion, len(forces.nodes(motion.position)), forces.pose)
 
 
 @pytest.mark.slow

@@ -341,7 +341,7 @@ def test_a_prop_carries_what_beam_theory_says():
     load = 0.2
     wanted = 3 / 8 * load * LENGTH
     # the prop reaches as far into the skin of the straight arm as this force presses it
-    contact = leaning((LENGTH, -1.0)).forces.obstacles.contact
+    contact = leaning((LENGTH, -1.0)).forces.obstacles.contacts[0]
     clear = contact.skin[-1] * (1 - (wanted / contact.strength[-1]) ** 0.25)
     system = leaning((LENGTH, -2 * RADIUS - float(clear)), along=load)
     state, outcome = balance(system)

@@ -179,8 +179,8 @@ def crowd(**changes):
 
 def test_what_obstacles_do_to_the_rows_of_nodes_and_back():
     (bodies, motion), pose = crowd(), Pose.unturned(3, 3)
-    gap, rows = jax.jit(lambda motion: bodies.push(motion, pose))(motion)
-    touch, pushed = jax.jit(lambda motion: bodies.touch(motion, pose))(motion)
+    gap, rows = jax.jit(lambda motion: bodies.push(motion, 7, pose))(motion)
+    touch, pushed = jax.jit(lambda motion: bodies.touch(motion, 7, pose))(motion)
     assert gap.shape == (3, 5)
     assert rows.shape == (13, 4)
     assert touch.in_contact.all()
@@ -195,7 +195,8 @@ def test_what_obstacles_do_to_the_rows_of_nodes_and_back():
     np.testing.assert_allclose(later.impulse, 0.01 * touch.force)
     # what an edge spins does not count as having moved past something
     spun = motion.position.at[:7, 3].add(50.0)
-    resolved = jax.jit(lambda *rows: bodies.resolved(*rows))
+    (contacts,), gap = bodies.groups(7, pose), gap.reshape(-1)
+    resolved = jax.jit(lambda *rows: contacts.resolved(*rows))
     assert resolved(spun - motion.position, gap, gap, jnp.asarray(0.01))
     jumped = motion.position.at[-6, 1].add(0.2)
     assert not resolved(jumped - motion.position, gap, gap, jnp.asarray(0.01))

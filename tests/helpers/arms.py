@@ -201,9 +201,11 @@ def obstacles(
 
     def of(rod: Rod) -> Obstacles:
         return Obstacles(
-            Contact.of(rod, friction=rough, **numbers),
+            (Contact.of(rod, friction=rough, **numbers),),
+            (tuple(range(count)),),
             bodies(rod) if free else None,
             position,
+            cores,
             jnp.broadcast_to(jnp.asarray(velocity, float), position.shape),
             carried,
         )

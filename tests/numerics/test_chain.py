@@ -1,5 +1,6 @@
 """The algebra of a chain against the same algebra on dense matrices."""
 
+import itertools
 from functools import partial
 
 import jax
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crinoid.numerics import banded
+from crinoid.numerics import banded, index_array
 from helpers.arms import QUICKLY, dense
 
 # every remainder of 4, which the solve fills up to (pairs of nodes, an even number of them)
@@ -118,14 +119,56 @@ def test_windows_are_runs_of_neighbours(first, count, stencil):
     count = 8 - first - stencil if count is None else count  # up to the tip
     rng = np.random.default_rng(4)
     nodes, weights = rng.normal(size=(7, 2)), rng.normal(size=(count, stencil, 2))
-    windows = np.asarray(banded.gather(jnp.asarray(nodes), first, count, stencil))
+    index = first + np.arange(count)[:, None] + np.arange(stencil)
+    windows = np.asarray(index_array.gather(jnp.asarray(nodes), index))
     assert windows.shape == (count, stencil, 2)
     for i in range(count):
         np.testing.assert_array_equal(windows[i], nodes[first + i : first + i + stencil])
     # and scattering is the transpose of gathering
-    scattered = banded.scatter(jnp.asarray(weights), first, 7)
+    scattered = index_array.scatter(jnp.asarray(weights), index, 7)
     expected = np.sum(windows * weights)
     np.testing.assert_allclose(np.sum(nodes * scattered), expected, rtol=1e-14, atol=1e-14)
+
+
+EDGES = np.array([1, 2, 3, 4, 4])
+INDICES = {
+    "neighbours": np.array([[2, 3], [3, 4]]),
+    "pieces": np.array([[1, 6], [2, 0], [5, 1]]),
+    "many pieces": np.array([[6, 0], [2, 2], [5, 4], [1, 6], [3, 3], [6, 1]]),
+    "grid": np.stack(np.broadcast_arrays(EDGES, EDGES + 1, np.array([[6], [0], [3]])), axis=-1),
+}
+
+
+@pytest.mark.parametrize("traced", [False, True])
+@pytest.mark.parametrize("name", INDICES)
+def test_windows_of_any_rows(name, traced):
+    index, rng = INDICES[name], np.random.default_rng(8)
+    if traced and index.ndim > 2:
+        pytest.skip("a grid is known when a program is made")
+    at = jnp.asarray(index) if traced else index
+    rows, flat = rng.normal(size=(7, 2)), index.reshape(-1, index.shape[-1])
+    np.testing.assert_array_equal(index_array.gather(jnp.asarray(rows), at), rows[flat])
+    windows, expected = rng.normal(size=(*flat.shape, 2)), np.zeros((7, 2))
+    np.add.at(expected, flat, windows)
+    found = index_array.scatter(jnp.asarray(windows), at, 7)
+    np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", INDICES)
+def test_blocks_of_any_rows(name):
+    index, rng = INDICES[name], np.random.default_rng(9)
+    flat = index.reshape(-1, index.shape[-1])
+    # a part of a window by another part: by the edges, by the bodies, and by both
+    for rows, columns in ((slice(1), slice(-1, None)), (slice(-1, None),) * 2, (slice(1),) * 2):
+        at, by = flat[:, rows], flat[:, columns]
+        blocks = rng.normal(size=(len(flat), at.shape[1], 2, by.shape[1], 2))
+        expected = np.zeros((7, 2, 7, 2))
+        for block, own, other in zip(blocks, at, by, strict=True):
+            for (i, row), (j, column) in itertools.product(enumerate(own), enumerate(other)):
+                expected[row, :, column] += block[i, :, j]
+        parts = index[..., rows], index[..., columns]
+        found = index_array.scatter_blocks(jnp.asarray(blocks), *parts, (7, 7))
+        np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-14)
 
 
 def test_blocks_of_all_stencils_add_up():

@@ -7,7 +7,6 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -27,6 +26,7 @@ from crinoid.elements import (
     Pair,
     SignedDistance,
     Surface,
+    SurfaceContact,
 )
 from crinoid.elements.bodies import capsule_inertia
 from crinoid.elements.soft_skin import surfaces
@@ -117,21 +117,32 @@ class ObstacleParameters(eqx.Module):
         tool: Ball | None = None,
     ) -> Obstacles:
         """Build the obstacles near a rod whose root is set at ``origin`` (m); traceable."""
-        return Obstacles(
-            contact=Contact.of(
+        solids = [index for index, each in enumerate(self.surfaces) if each is not None]
+        others = np.setdiff1d(np.arange(len(self.mass)), solids).tolist()
+        members = [*([others] if others else []), *([index] for index in solids)]
+
+        def contact(members: Sequence[int]) -> Contact:
+            at = np.array(members)
+            found = Contact.of(
                 rod,
-                radius=self.radius,
-                half_axis=self._half_axis,
-                normal=_unit(self.normal),
-                friction=self.friction,
-                mass=self.mass,
+                radius=self.radius[at],
+                half_axis=self._half_axis[at],
+                normal=_unit(self.normal)[at],
+                friction=self.friction[at],
+                mass=self.mass[at],
                 tool=tool,
-            ),
+            )
+            surface = self._surface(members[0])
+            return found if surface is None else SurfaceContact(**vars(found), surface=surface)
+
+        return Obstacles(
+            contacts=tuple(map(contact, members)),
+            members=tuple(map(tuple, members)),
+            half_axis=self._half_axis,
             bodies=self._bodies(rod, density, gravity) if self.free else None,
             position=self.position - origin,
             drift=self.velocity,
             carried=self.carried,
-            surfaces=self.surfaces,
         )
 
     @property
@@ -193,8 +204,7 @@ class ObstacleParameters(eqx.Module):
         surface = self._surface(pairs[0].second)
         if surface is None:
             return contact
-        one = jax.tree.map(lambda values: values[None], surface)
-        return BodySurfaceContact(**vars(contact), surface=one)
+        return BodySurfaceContact(**vars(contact), surface=surface)
 
 
 def _unit(vectors: Float[Array, "m b"]) -> Float[Array, "m b"]:

@@ -16,7 +16,7 @@ from crinoid.assembly.door import build_part, check_element, check_flow, part_na
 from crinoid.assembly.parameters import Parameters
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
-from crinoid.dynamics import FarContact, Forces, FreeBodies, Hull, Settings, System
+from crinoid.dynamics import FarContact, Forces, Hull, Settings, System
 from crinoid.elements import AddedMass, Bend, Drag, Element, Inertia, Stretch, Weight
 from crinoid.flow import Flow, Water, on_currents
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -186,10 +186,11 @@ _clearance = compiled(**ONCE)(System.clearance)
 
 
 @compiled(**ONCE)
-def _body_clearance(system: System, bodies: FreeBodies) -> Float[Array, " pair"]:
+def _body_clearance(system: System) -> Float[Array, " pair"]:
     """Return the distance of each pair of free bodies and other obstacles at the start (m)."""
     forces, _, rows, _ = system.undeformed(0.0)
-    return bodies.gaps(rows[forces.rows.obstacle_rows], forces.pose) - bodies.skin
+    room = [group.gaps(rows) - group.contact.skin for group in forces.body_contacts(rows)]
+    return jnp.concatenate(room)
 
 
 @compiled(**ONCE)
@@ -234,7 +235,7 @@ def clearance(system: System) -> Float[np.ndarray, " m"]:
     ]
     obstacles = system.forces.obstacles
     if obstacles is not None and obstacles.bodies is not None and obstacles.bodies.pairs:
-        depths = np.asarray(-_body_clearance(system, obstacles.bodies))
+        depths = np.asarray(-_body_clearance(system))
         pairs, skins = chain(*obstacles.bodies.pairs), np.asarray(obstacles.bodies.skin)
         for pair, depth, skin in zip(pairs, depths, skins, strict=True):
             first, second = sorted(pair, key=lambda index: index not in obstacles.free)

@@ -97,8 +97,8 @@ class ContactForce(Measurand):
         forces = ActingForces.of(system.forces, state.context)
         if forces.obstacles is None:
             raise ValueError("a contact sensor requires an obstacle")
-        near = forces.obstacle_motion(state.motion)
-        return forces.obstacles.edge_force(near, forces.pose, self.inside)
+        num_nodes = forces.nodes(state.motion.position).shape[0]
+        return forces.obstacles.edge_force(state.motion, num_nodes, forces.pose, self.inside)
 
     def names(self, axes: int) -> tuple[tuple[str, str], ...]:
         return tuple((f"force_{name}", "N") for name in AXES[axes])

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm, prepared
+from crinoid.dynamics.contact_group import ContactGroup
 from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces, Points, Rows
 from crinoid.dynamics.integrator import StepMap
@@ -88,15 +89,19 @@ class ActingForces(Forces):
             found.append(self.vehicle.reach[None])
         return jnp.concatenate(found) if found else jnp.zeros(0)
 
-    def extra(self, size: int) -> tuple[int, ...]:
+    def body_unknowns(self, size: int) -> tuple[int, ...]:
         """Return the indices of unknowns of free bodies, in rows of ``size`` after the nodes."""
-        free: tuple[int, ...] = ()
-        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
-            free = self.obstacles.bodies.unknowns(size)
+        if not self.free or self.obstacles is None or self.obstacles.bodies is None:
+            return ()
+        return self.obstacles.bodies.unknowns(size)
+
+    def extra(self, size: int) -> tuple[int, ...]:
+        """Return the indices of unknowns of free bodies and a vehicle, likewise."""
         if self.context.clamp is None:
-            return free
+            return self.body_unknowns(size)
         first = 0 if self.obstacles is None else self.obstacles.rows
-        return (*free, *(first * size + i for i in unknowns(self.axes, size)))
+        own = (first * size + i for i in unknowns(self.axes, size))
+        return (*self.body_unknowns(size), *own)
 
     def attitude(self, rows: Rows) -> Float[Array, "d d"] | None:
         """Return the attitude of a moving vehicle from the positions of all rows."""
@@ -111,17 +116,39 @@ class ActingForces(Forces):
         rotations = motion.position[self.rows.rotations]
         return jax.vmap(lambda pose, row: pose.attitude_at(row))(self.pose, rotations)
 
+    def near_contacts(self, rows: Rows) -> list[ContactGroup]:
+        """Return the contacts of obstacles with edges, on the rows of an array."""
+        if self.obstacles is None:
+            return []
+        return self.obstacles.groups(self.nodes(rows).shape[0], self.pose)
+
+    def body_contacts(self, rows: Rows) -> list[ContactGroup]:
+        """Return the contacts of free obstacles with other ones, on the rows of an array."""
+        if self.obstacles is None or self.obstacles.bodies is None or self.pose is None:
+            return []
+        return self.obstacles.bodies.groups(self.nodes(rows).shape[0], self.pose)
+
+    def groups(self, rows: Rows) -> list[windows.LawGroup]:
+        """Return all laws on the rows of an array, in groups, without contacts of far parts."""
+        found = [*windows.groups(self.arm.laws, self.axes), *self.near_contacts(rows)]
+        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
+            assert self.pose is not None
+            found.append(self.obstacles.bodies.law(self.nodes(rows).shape[0], self.pose))
+            found += self.body_contacts(rows)
+        return found
+
     def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:
         """Return the distance of each obstacle from each edge (m)."""
         if self.obstacles is None:
             return None
-        return self.obstacles.gaps(rows[self.rows.arm_and_obstacles], self.pose)
+        return self.obstacles.by_obstacle([each.gaps(rows) for each in self.near_contacts(rows)])
 
     def body_gaps(self, rows: Rows) -> Float[Array, " pair"] | None:
         """Return the gap of each pair of a free obstacle with another one (m)."""
         if self.obstacles is None or self.obstacles.bodies is None:
             return None
-        return self.obstacles.bodies.gaps(rows[self.rows.obstacle_rows], self.pose)
+        gaps = [each.gaps(rows) for each in self.body_contacts(rows)]
+        return jnp.concatenate([jnp.zeros(0), *gaps])
 
     def far_gaps(self, rows: Rows) -> tuple[Array, ...]:
         """Return the gaps of the contacts of far parts (m)."""
@@ -189,38 +216,23 @@ class ActingForces(Forces):
 
         The column of spins has torques (N m).
         """
-        size = motion.position.shape[1]
-        num_nodes = self.nodes(motion.position).shape[0]
-        total, largest = jnp.zeros((num_nodes, size)), jnp.zeros(size)
-        for first, laws in windows.groups(self.arm.laws, self.axes):
-            local = jax.vmap(lambda some, m: windows.residuals(some, m, load_factor))
-            forces = local(laws, windows.motion_windows(laws[0][0], motion))
-            width = forces.shape[-1]
-            nodal = banded.scatter(jnp.sum(forces, axis=1), first, num_nodes)
-            total += banded.pad_columns(nodal, size)
-            most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
-            largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
-        for far in self.far_contacts:
-            pushed = far.push(motion, self.heading)[:num_nodes]
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed[far.first_row :]), axis=0))
-            total -= pushed
-        rows = total
-        if self.obstacles is not None:
-            near = self.obstacle_motion(motion)
-            _, pushed = self.obstacles.push(near, self.pose)
-            forces = pushed[: num_nodes + self.obstacles.count]  # without moments
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(forces), axis=0))
-            rows = jnp.pad(total, ((0, self.obstacles.rows), (0, 0))) - pushed
-            if self.free and self.obstacles.bodies is not None:
-                bodies, most = self.obstacles.bodies.residual(near, self.pose)
-                rows = rows.at[num_nodes:].add(bodies)
-                largest = jnp.maximum(largest, most)
-        if self.vehicle is None:
-            return rows, largest
-        pushed = jnp.zeros((VEHICLE_ROWS, size))
+        shape = motion.position.shape
+        total, largest = jnp.zeros(shape), jnp.zeros(shape[1])
+
+        def added(group: windows.LawGroup) -> tuple[Rows, Float[Array, " b"]]:
+            forces = group.residuals(motion, load_factor)
+            most = jnp.max(jnp.abs(forces[:, :, group.balanced]), axis=(0, 1, 2))
+            rows = group.scatter(jnp.sum(forces, axis=1), shape)
+            return rows, jnp.pad(most, (0, shape[1] - most.size))
+
+        found = [added(group) for group in self.groups(motion.position)]
+        found += [far.where_pressing(motion, self.heading, added) for far in self.far_contacts]
+        for rows, most in found:
+            total, largest = total + rows, jnp.maximum(largest, most)
         if self.context.clamp is not None:
-            pushed = self.on_vehicle(motion, rows[:BOUNDARY_NODES])
-        return jnp.concatenate([rows, pushed]), largest
+            pushed = self.on_vehicle(motion, total[:BOUNDARY_NODES])
+            total = jnp.concatenate([total[:-VEHICLE_ROWS], pushed])
+        return total, largest
 
     def on_vehicle(
         self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True
@@ -254,17 +266,6 @@ class ActingForces(Forces):
         if self.turns:
             points = points.at[self.rows.rotations].set(points[self.rows.obstacles])
         return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
-
-    def obstacle_motion(self, motion: Motion) -> Motion:
-        """Return the motion of nodes and obstacles."""
-        if self.vehicle is None:
-            return motion
-        parts = (*rows_of_motion(motion), motion.flow_velocity, motion.flow_acceleration)
-        return eqx.tree_at(
-            lambda m: (*rows_of_motion(m), m.flow_velocity, m.flow_acceleration),
-            motion,
-            tuple(part[self.rows.arm_and_obstacles] for part in parts),
-        )
 
 
 def rows_of_motion(motion: Motion) -> tuple[Any, Any, Any]:

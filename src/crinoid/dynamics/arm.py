@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from crinoid.dynamics import windows
 from crinoid.dynamics.context import Context, Memory
 from crinoid.elements import ENERGIES, Element, Motion, Stretch, Tool, VortexForces, Vortices
-from crinoid.numerics import banded
+from crinoid.numerics import banded, index_array
 
 
 class Arm(eqx.Module):
@@ -57,7 +57,8 @@ class Arm(eqx.Module):
         for element, forces in self._in_windows(motion, lambda e, window: e.working(window)):
             if forces is None:
                 continue
-            nodal = banded.pad_columns(banded.scatter(forces, element.first, num_nodes), size)
+            nodal = index_array.scatter(forces, windows.nodes_of(element), num_nodes)
+            nodal = banded.pad_columns(nodal, size)
             sum_ = working.get(element.worked)
             working[element.worked] = nodal if sum_ is None else sum_ + nodal
         return working
@@ -109,10 +110,9 @@ class Arm(eqx.Module):
         def each(laws: windows.Laws, window: Motion) -> list[Any]:
             return [of(e, windows.remembering(window, held)) for e, held in laws]
 
-        for _, laws in windows.groups(self.laws, motion.flow_velocity.shape[1]):
-            owned = windows.motion_windows(laws[0][0], motion)
-            found = jax.vmap(each)(laws, owned)
-            yield from zip([e for e, _ in laws], found, strict=True)
+        for group in windows.groups(self.laws, motion.flow_velocity.shape[1]):
+            found = group.each(each, group.windows(motion))
+            yield from zip([e for e, _ in group.laws], found, strict=True)
 
 
 def prepared(elements: tuple[Element, ...], context: Context) -> tuple[windows.Held, ...]:

@@ -1,19 +1,14 @@
-"""Free bodies among the obstacles: their forces, contact with each other, and rotation."""
-
-from collections.abc import Callable
+"""Free bodies among the obstacles: their forces, and contact with each other."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
+from crinoid.dynamics.contact_group import ContactGroup
 from crinoid.dynamics.rows import SPIN
-from crinoid.elements import Body, BodyContact, Motion, Pose
-from crinoid.elements.element import Element
-
-Rows = Float[Array, "rows b"]
-Jacobian = Callable[[Element, Motion, Int[np.ndarray, "window k"]], Array]
+from crinoid.dynamics.windows import LawGroup
+from crinoid.elements import Body, BodyContact, Pose
 
 
 class FreeBodies(eqx.Module):
@@ -56,81 +51,28 @@ class FreeBodies(eqx.Module):
             for i in range(count)
         )
 
-    def residual(self, motion: Motion, pose: Pose | None) -> tuple[Rows, Float[Array, " b"]]:
-        """Return minus the forces on the rows of the obstacles, without those of the arm.
+    def law(self, num_nodes: int, pose: Pose) -> LawGroup:
+        """Return inertia, weight and drag of the bodies on their rows."""
+        held = pose.of(self.own_rows[:, 0]), None
+        return LawGroup(((self.body, held),), num_nodes + self.own_rows)
 
-        Also the largest single force in it of each column (N).
-        """
-        size = motion.position.shape[1]
-        total, largest = jnp.zeros((2 * self.count, size)), jnp.zeros(size)
-        for element, rows, window in self._laws(motion, pose):
-            forces = jax.vmap(lambda e, m: e.residual(m))(element, window)
-            total = total.at[rows].add(forces)
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(forces[:, ::2]), axis=(0, 1)))
-        return total, largest
+    def groups(self, num_nodes: int, pose: Pose) -> list[ContactGroup]:
+        """Return the contacts of the pairs; ``pose`` has the attitudes of all obstacles."""
 
-    def stiffness(
-        self, motion: Motion, pose: Pose | None, jacobian: Jacobian
-    ) -> Float[Array, "rows b rows b"]:
-        """Return the derivative of that residual, from the Jacobians of the windows of rows."""
-        size = motion.position.shape[1]
-        total = jnp.zeros((2 * self.count, size, 2 * self.count, size))
-        for element, rows, window in self._laws(motion, pose):
-            blocks = jnp.moveaxis(jacobian(element, window, rows), 3, 2)
-            total = total.at[rows[:, :, None], :, rows[:, None, :], :].add(blocks)
-        return total
+        def group(contact: BodyContact, pairs: tuple[tuple[int, int], ...]) -> ContactGroup:
+            first, second = np.array(pairs, int).T
+            rows = first, first + self.count, second, second + self.count
+            index = num_nodes + np.stack(rows, axis=1)
+            return ContactGroup.of(contact, index, (pose.of(first), pose.of(second)))
 
-    def gaps(self, rows: Rows, pose: Pose | None) -> Float[Array, " pair"]:
-        """Return the gap of each pair (m)."""
-        gap = jax.vmap(lambda contact, window, poses: contact.gap(window, poses))
-        gaps = [gap(contact, rows[at], poses) for contact, at, poses in self._touching(pose)]
-        return jnp.concatenate([jnp.zeros(0), *gaps])
+        return [group(*each) for each in zip(self.contacts, self.pairs, strict=True)]
+
+    def by_contact(self, gap: Float[Array, " pair"]) -> list[Float[Array, " w"]]:
+        """Return the gaps of each contact (m)."""
+        counts = np.cumsum([len(pairs) for pairs in self.pairs])[:-1]
+        return jnp.split(gap, counts) if self.pairs else []
 
     @property
     def skin(self) -> Float[Array, " pair"]:
         """Thickness of the skin of each pair (m)."""
         return jnp.concatenate([jnp.zeros(0), *(contact.skin for contact in self.contacts)])
-
-    def resolved(
-        self,
-        moved: Rows,
-        before: Float[Array, " pair"],
-        after: Float[Array, " pair"],
-        step: Array,
-    ) -> Bool[Array, ""]:
-        """Return whether a step resolves the contacts of pairs, like those with the arm."""
-        counts = np.cumsum([len(pairs) for pairs in self.pairs])[:-1]
-        gaps = (jnp.split(gap, counts) for gap in (before, after))
-        each = zip(self._touching(None), *gaps, strict=True) if self.contacts else ()
-        found = [contact.resolved(moved[rows], *gap, step) for (contact, rows, _), *gap in each]
-        return jnp.all(jnp.array(found, bool))
-
-    def _laws(
-        self, motion: Motion, pose: Pose | None
-    ) -> list[tuple[Element, Int[np.ndarray, "window k"], Motion]]:
-        """Return the force laws on the bodies, with the rows and the motion of their windows."""
-        assert pose is not None
-        size, shift = motion.position.shape[1], 2 * self.count  # obstacles are the last rows
-        laws = [(self.body, self.own_rows, pose.of(self.own_rows[:, 0])), *self._touching(pose)]
-        return [
-            (
-                law,
-                rows,
-                motion.windows(
-                    lambda each, at=rows - shift: each[at], rows.shape[:1], size
-                ).remembering(poses, None),
-            )
-            for law, rows, poses in laws
-        ]
-
-    def _touching(
-        self, pose: Pose | None
-    ) -> list[tuple[BodyContact, Int[np.ndarray, "pair 4"], tuple[Pose, Pose] | None]]:
-        """Return the contacts, the rows of their windows, and the poses of both bodies."""
-        found = []
-        for contact, pairs in zip(self.contacts, self.pairs, strict=True):
-            first, second = np.array(pairs, int).T
-            poses = None if pose is None else (pose.of(first), pose.of(second))
-            rows = [first, first + self.count, second, second + self.count]
-            found.append((contact, np.stack(rows, axis=1), poses))
-        return found

@@ -1,16 +1,13 @@
 """Hull of the vehicle: a capsule that the arm can touch, and its place."""
 # ruff: noqa: D102  # the base class documents its methods
 
-from typing import ClassVar
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from crinoid.dynamics.far_contact import FarContact
-from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, GHOST, ROOT, ROTATION
+from crinoid.dynamics.rows import CENTRE, GHOST, ROOT, ROTATION
 from crinoid.elements import HullContact, Motion, VehiclePose
 
 
@@ -33,7 +30,6 @@ class Hull(FarContact):
     """Contact of each far edge."""
     first_edge: int = eqx.field(static=True)
     """First far edge; all that follow are far."""
-    first_row: ClassVar[int] = BOUNDARY_NODES  # a reaction at the clamp has a short lever
 
     @property
     def nodes(self) -> Int[np.ndarray, "far k"]:
@@ -43,12 +39,9 @@ class Hull(FarContact):
         return np.stack([near, near + 1, *(np.full_like(near, row) for row in held)], axis=1)
 
     def touch(self, motion: Motion, pose: VehiclePose | None) -> HullTouch:
-        axes, near = motion.flow_velocity.shape[-1], self.first_edge
-        gaps = self.distances(motion.position, pose)
-        _, _, window = self.nearest(motion, pose, gaps)
-        forces = jax.vmap(lambda one, there: one.on_edge(there))(self.contact, window)
-        force = jnp.sum(forces[..., :axes], axis=1)
-        gap = jnp.concatenate([jnp.full(near, jnp.inf), gaps])
+        axes, near, group = motion.flow_velocity.shape[-1], self.first_edge, self.group(pose)
+        force = -jnp.sum(group.residuals(motion)[:, 0, :2, :axes], axis=1)
+        gap = jnp.concatenate([jnp.full(near, jnp.inf), group.gaps(motion.position)])
         return HullTouch(gap, jnp.pad(force, ((near, 0), (0, 0))))
 
 

@@ -18,7 +18,7 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import Motion, Threads
 from crinoid.elements.tendon_friction import Rubbing
 from crinoid.foundation.fixed_numbers import TOE
-from crinoid.numerics import banded
+from crinoid.numerics import index_array
 
 Loads = Float[Array, " line"]
 
@@ -65,7 +65,8 @@ class LengthControlledThreads(eqx.Module):
             return windows.derivative(direction, threads.measure, window, relative=True)
 
         by_windows = jax.vmap(by_window)(threads, windows.motion_windows(threads, motion))
-        along = jax.vmap(lambda one: banded.scatter(one, threads.first, num_nodes), 1)(by_windows)
+        index = windows.nodes_of(threads)
+        along = jax.vmap(lambda one: index_array.scatter(one, index, num_nodes), 1)(by_windows)
         measured = _measured(threads, motion)
         ones = jnp.ones_like(measured)
         slope = jax.jvp(lambda m: self._loads(m, drive), (measured,), (ones,))[1]

@@ -24,8 +24,8 @@ class RowLayout(NamedTuple):
     rotations: slice
     """Rotation of each obstacle since the start, where some are free."""
     vehicle: slice
-    arm_and_obstacles: slice
-    """All rows except those of a vehicle."""
+    bodies: slice
+    """All rows of the obstacles."""
 
     @staticmethod
     def of(obstacles: int, *, turning: bool, vehicle: bool) -> "RowLayout":
@@ -38,13 +38,8 @@ class RowLayout(NamedTuple):
             slice(-(obstacles + middle), -middle or None) if obstacles else none,
             slice(-middle, end) if turning else none,
             slice(-last, None) if vehicle else none,
-            slice(end),
+            slice(-(obstacles + middle), end) if obstacles else none,
         )
-
-    @property
-    def obstacle_rows(self) -> slice:
-        """All rows of the obstacles."""
-        return slice(self.obstacles.start, self.arm_and_obstacles.stop)
 
     def obstacle(self, index: Any) -> Any:
         """Return the row of an obstacle, or the rows of several."""

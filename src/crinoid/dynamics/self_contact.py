@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from crinoid.dynamics.contact_group import ContactGroup
 from crinoid.dynamics.far_contact import FarContact, Rows
 from crinoid.dynamics.rows import ROOT
 from crinoid.elements import Motion, SelfContact, VehiclePose
@@ -68,17 +69,16 @@ class FarEdges(FarContact):
         within = reach[one] + reach[other] + self.contact.between_axes
         bound = jnp.sqrt(apart + jnp.finfo(float).tiny) - within
         near = jnp.any(bound < self.contact.skin)
-        return jax.lax.cond(near, lambda: self.distances(rows, pose), lambda: bound)
+        return jax.lax.cond(near, lambda: self.group(pose).gaps(rows), lambda: bound)
 
     def touch(self, motion: Motion, pose: VehiclePose | None) -> SelfTouch:
         axes, count = motion.flow_velocity.shape[-1], len(self.beyond)
-        gaps = self.distances(motion.position, pose)
-        edges = jnp.asarray(self.edges)
+        gaps, edges = self.group(pose).gaps(motion.position), jnp.asarray(self.edges)
         gap = jnp.full(count, jnp.inf).at[edges].min(gaps[:, None])
-        contact, nodes, window = self.nearest(motion, pose, gaps)
-        forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
-        on_edges = jnp.sum(forces[..., :axes].reshape(-1, 2, 2, axes), axis=2)
-        force = jnp.zeros((count, axes)).at[nodes[:, ::2] - ROOT].add(on_edges)
+        group = self.nearest(gaps, pose)
+        forces = -group.residuals(motion)[:, 0, :, :axes]
+        on_edges = jnp.sum(forces.reshape(-1, 2, 2, axes), axis=2)
+        force = jnp.zeros((count, axes)).at[group.index[:, ::2] - ROOT].add(on_edges)
         return SelfTouch(gap, force, jnp.sum(gaps < self.contact.skin))
 
     def resolved(
@@ -95,12 +95,12 @@ class FarEdges(FarContact):
         still, exactly = jnp.all(apart & (farthest <= room)), super().resolved
         return jax.lax.cond(still, lambda: still, lambda: exactly(moved, before, after, step))
 
-    def pressing(self, gaps: Float[Array, " pair"]) -> tuple[SelfContact, Int[Array, "near 4"]]:
-        contact, nodes = self.contact, jnp.asarray(self.nodes)
-        if self.most < len(nodes):
-            _, at = jax.lax.top_k(-gaps, self.most)
-            contact, nodes = jax.tree.map(lambda values: values[at], (contact, nodes))
-        return contact, nodes
+    def nearest(self, gaps: Float[Array, " pair"], pose: VehiclePose | None) -> ContactGroup:
+        if self.most == len(self.nodes):
+            return self.group(pose)
+        _, at = jax.lax.top_k(-gaps, self.most)
+        contact = jax.tree.map(lambda values: values[at], self.contact)
+        return self.on(jnp.asarray(self.nodes)[at], contact, pose)
 
 
 def _pairs(beyond: tuple[int, ...]) -> Int[np.ndarray, "pair 2"]:

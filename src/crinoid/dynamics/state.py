@@ -256,8 +256,7 @@ class EnergyAccount(eqx.Module):
         known = acting.arm.nonconservative_forces(state.motion, nodes)
         contact = None
         if forces.obstacles is not None:
-            motion = acting.obstacle_motion(state.motion)
-            contact, known["contact"] = forces.obstacles.touch(motion, acting.pose)
+            contact, known["contact"] = forces.obstacles.touch(state.motion, nodes, acting.pose)
         for far in acting.far_contacts:
             pushed = far.push(state.motion, acting.heading)[:nodes]
             known["contact"] = known.get("contact", 0.0) + pushed

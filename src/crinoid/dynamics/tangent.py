@@ -7,11 +7,12 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics.bordered import BlockElimination, Border, TangentFactors, UnknownLayout
 from crinoid.dynamics.rows import BOUNDARY_NODES
-from crinoid.numerics import banded
+from crinoid.numerics import banded, index_array
 from crinoid.numerics.small_matrices import product
 
 Rows = Float[Array, "_ b"]
@@ -85,7 +86,8 @@ class Tangent(eqx.Module):
         nodes = sizes[:num_nodes]
         _, extra = self._layout.gather(sizes)
         # a sum of products, which XLA fuses: `banded.matvec` would cost 3 % of a step
-        near = banded.gather(jnp.pad(nodes, ((2, 2), (0, 0))), 0, num_nodes, 5)
+        index = np.arange(num_nodes)[:, None] + np.arange(5)
+        near = index_array.gather(jnp.pad(nodes, ((2, 2), (0, 0))), index)
         effect = jnp.sum(jnp.abs(self.bands) * near[:, :, None], axis=(1, 3))
         if self.far is not None:
             effect += jnp.einsum("nbmc,mc->nb", jnp.abs(self.far), nodes)

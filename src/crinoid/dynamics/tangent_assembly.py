@@ -1,7 +1,7 @@
 """Assembly of the tangent matrix from the Jacobians of laws."""
 
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,14 +10,16 @@ from jaxtyping import Array, Float, Int
 
 from crinoid.dynamics import windows
 from crinoid.dynamics.acting import ActingForces, rows_of_motion
+from crinoid.dynamics.bordered import Border
+from crinoid.dynamics.far_contact import NODES
 from crinoid.dynamics.forces import Rows
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.rows import VEHICLE_ROWS
+from crinoid.dynamics.rows import ROOT, VEHICLE_ROWS
 from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.vehicle import unknowns
 from crinoid.dynamics.windows import Surroundings
-from crinoid.elements import Element, Motion
-from crinoid.numerics import banded
+from crinoid.elements import Motion
+from crinoid.numerics import banded, index_array
 
 
 def assemble_tangent(
@@ -28,54 +30,34 @@ def assemble_tangent(
     load_factor: Array | None = None,
 ) -> Tangent:
     """Return d(residual)/d(correction), assembled from the elements' Jacobians."""
-    size = motion.position.shape[1]
-    num_nodes = forces.nodes(motion.position).shape[0]
-    slopes = (around.velocity_slope, around.acceleration_slope)
+    size, num_nodes = motion.position.shape[1], forces.nodes(motion.position).shape[0]
 
-    def jacobian(laws: windows.Laws, window: Motion, slopes: windows.Slopes) -> Array:
-        return windows.jacobian(windows.tangent_direction(stage, slopes), laws, window, load_factor)
+    def blocks(group: windows.LawGroup) -> Float[Array, "w k b k b"]:
+        return group.jacobians(stage, motion, around, load_factor)
 
-    jacobians = jax.vmap(jacobian)
-    blocks: list[tuple[int, Array]] = []
-    for first, laws in windows.groups(forces.arm.laws, forces.axes):
-        element = laws[0][0]
-        at = partial(
-            banded.gather, first=first, count=windows.count(element), stencil=element.stencil
-        )
-        along = jax.tree.map(at, slopes)
-        blocks.append((first, jacobians(laws, windows.motion_windows(element, motion), along)))
-    obstacles = forces.obstacles
-    if obstacles is not None:
-        pairs = obstacles.motions(forces.obstacle_motion(motion), forces.pose)
-        # contact does not depend on the water
-        still = jnp.zeros((*pairs.flow_velocity.shape, forces.axes))
-        touch = obstacles.each(lambda e, m, s: jacobian(((e, None),), m, (s, None)), pairs, still)
-        touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
-        on_edges = obstacles.on_edges(jnp.sum(touch[:, :, :2, :, :2], axis=0))
-        blocks.append((obstacles.contact.first, on_edges))
-    bands = banded.assemble(blocks, num_nodes, size)
-    border = None
-    if obstacles is not None and obstacles.bodies is not None and forces.free:
+    near, others = [], []
+    for group in forces.groups(motion.position):
+        found, index = blocks(group), group.index
+        nodes = int(np.sum(index.reshape(-1, index.shape[-1])[0] < num_nodes))
+        if nodes < index.shape[-1]:
+            others.append((found, index, nodes))
+            edges = found[:, None, :nodes, :, :nodes]
+            found = index_array.scatter(edges, index[..., :1], num_nodes)[ROOT : num_nodes - 1]
+        if nodes:
+            near.append((int(index[..., 0].min()), found))
 
-        def of_rows(element: Element, window: Motion, rows: Int[np.ndarray, "w k"]) -> Array:
-            along = jax.tree.map(lambda slope: slope[num_nodes + rows], slopes)
-            return jacobians(((element, None),), window, along)
+    def far_blocks(group: windows.LawGroup) -> Float[Array, "n b n b"]:
+        among, at = blocks(group)[:, :NODES, :, :NODES], group.index[:, :NODES]
+        return index_array.scatter_blocks(among, at, at, (num_nodes, num_nodes))
 
-        near = forces.obstacle_motion(motion)
-        own = obstacles.bodies.stiffness(near, forces.pose, of_rows)
-        border = obstacles.border(touch, own, num_nodes)
-
-    def of_window(contact: Element, window: Motion) -> Array:
-        still = jnp.zeros((*window.flow_velocity.shape, forces.axes))
-        return jacobian(((contact, None),), window, (still, None))
-
-    far = [
-        each.stiffness(motion, forces.heading, of_window, num_nodes) for each in forces.far_contacts
-    ]
-    extra = forces.extra(size)
-    own_unknowns = 0 if border is None else border.corner.shape[0]
-    bodies = extra[:own_unknowns]
-    tangent = Tangent(bands, border, bodies, far=sum(far[1:], far[0]) if far else None)
+    far = [each.where_pressing(motion, forces.heading, far_blocks) for each in forces.far_contacts]
+    bodies = forces.body_unknowns(size)
+    tangent = Tangent(
+        banded.assemble(near, num_nodes, size),
+        _border(others, num_nodes, np.array(bodies)) if bodies else None,
+        bodies,
+        far=sum(far[1:], far[0]) if far else None,
+    )
     if forces.context.clamp is not None:
         tangent = _with_vehicle(forces, tangent, stage, motion, around, load_factor)
     if forces.lines is None:
@@ -86,6 +68,34 @@ def assemble_tangent(
 
     follow = forces.lines.slopes(forces.arm, stage, motion, num_nodes)
     return tangent.coupled(LineStiffness(jax.jacfwd(residual)(motion.line), follow))
+
+
+def _border(
+    others: list[tuple[Array, Any, int]], num_nodes: int, at: Int[np.ndarray, " p"]
+) -> Border:
+    """Return the blocks that couple nodes and free bodies, with the unknowns ``at`` their rows.
+
+    From the blocks of laws on ``nodes`` of the arm and then rows of bodies.
+    """
+    size = others[0][0].shape[2]
+    count = int(at.max()) // size + 1
+    of_nodes = jnp.zeros((num_nodes, size, count, size))
+    of_bodies, corner = jnp.moveaxis(of_nodes, (0, 1), (2, 3)), jnp.zeros((count, size) * 2)
+    for blocks, index, nodes in others:
+        arm, bodies = index[..., :nodes], index[..., nodes:] - num_nodes
+        shape = (num_nodes, count)
+        if nodes:
+            of_nodes += index_array.scatter_blocks(blocks[:, :nodes, :, nodes:], arm, bodies, shape)
+            of_bodies += index_array.scatter_blocks(
+                blocks[:, nodes:, :, :nodes], bodies, arm, shape[::-1]
+            )
+        own = blocks[:, nodes:, :, nodes:]
+        corner += index_array.scatter_blocks(own, bodies, bodies, (count, count))
+    return Border(
+        of_nodes.reshape(num_nodes, size, -1)[..., at],
+        of_bodies.reshape(-1, num_nodes, size)[at],
+        corner.reshape(count * size, -1)[at][:, at],
+    )
 
 
 def _with_vehicle(

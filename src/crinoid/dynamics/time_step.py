@@ -120,13 +120,14 @@ def _resolved(forces: ActingForces, state: State, after: State, step: Array) -> 
     far = zip(forces.far_contacts, state.far_gaps, after.far_gaps, strict=True)
     found = [each.resolved(moved, gap, closer, step) for each, gap, closer in far]
     if (obstacles := forces.obstacles) is not None:
-        near = moved[forces.rows.arm_and_obstacles]
         assert state.gap is not None
         assert after.gap is not None
-        found.append(obstacles.resolved(near, state.gap, after.gap, step))
+        gaps = map(obstacles.by_contact, (state.gap, after.gap))
+        each = [*zip(forces.near_contacts(moved), *gaps, strict=True)]
         if (bodies := obstacles.bodies) is not None:
             assert state.body_gap is not None
             assert after.body_gap is not None
-            own = moved[forces.rows.obstacle_rows]
-            found.append(bodies.resolved(own, state.body_gap, after.body_gap, step))
+            gaps = map(bodies.by_contact, (state.body_gap, after.body_gap))
+            each += zip(forces.body_contacts(moved), *gaps, strict=True)
+        found += [group.resolved(moved, *gap, step) for group, *gap in each]
     return jnp.all(jnp.array(found, bool))

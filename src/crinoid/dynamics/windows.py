@@ -1,17 +1,19 @@
 """Elements on their windows of nodes: groups that share windows, residuals and Jacobians."""
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import Element, Motion, TangentDirection
-from crinoid.numerics import banded
+from crinoid.numerics import banded, index_array
 
 Rows = Float[Array, "rows b"]
 Points = Float[Array, "rows d"]
@@ -72,17 +74,80 @@ Laws = tuple[tuple[Element, Held], ...]
 """Elements, each with its memory."""
 
 
-def groups(laws: Laws, axes: int) -> list[tuple[int, Laws]]:
-    """Return the laws in groups that share windows, with their first node.
+@dataclass(frozen=True)
+class LawGroup:
+    """Laws that share windows of rows: one pass over these is less to compile and to run."""
 
-    One pass over the windows serves a group: less to compile and to run.
-    """
+    laws: tuple[tuple[Any, Held], ...]
+    """Laws, each with its memory."""
+    index: index_array.Index
+    """Rows of each window ``w``."""
+    oriented: bool = False
+    """Whether they depend on the orientation of the edges in space."""
+
+    @property
+    def balanced(self) -> slice:
+        """Rows of a window whose forces count as those of the balance."""
+        return self.laws[0][0].balanced
+
+    def windows(self, motion: Motion) -> Motion:
+        """Return the motion in all windows."""
+        axes, number = motion.flow_velocity.shape[1], math.prod(self.index.shape[:-1])
+        width = motion.position.shape[1] if self.laws[0][0].spins else axes
+
+        def gather(rows: Array) -> Array:
+            return index_array.gather(rows, self.index)
+
+        return motion.windows(gather, (number,), width, oriented=self.oriented)
+
+    def each(self, of: Callable[..., Any], *windows: Any) -> Any:
+        """Return a function of the laws and of arrays with their windows, in each window."""
+        axes = tuple((element.window_axes, 0) for element, _ in self.laws)
+        return jax.vmap(of, (axes, *(0 for _ in windows)))(self.laws, *windows)
+
+    def residuals(
+        self, motion: Motion, load_factor: Array | None = None
+    ) -> Float[Array, "w law k _"]:
+        """Return the residual of each law in each window."""
+        return self.each(
+            lambda laws, window: residuals(laws, window, load_factor), self.windows(motion)
+        )
+
+    def jacobians(
+        self, stage: StepMap, motion: Motion, around: Surroundings, load_factor: Array | None
+    ) -> Float[Array, "w k _ k _"]:
+        """Return d(residual)/d(correction) in each window."""
+
+        def jacobian(laws: Laws, window: Motion, slopes: Slopes) -> Array:
+            def residual(window: Motion) -> Array:
+                return jnp.sum(residuals(laws, window, load_factor), axis=0)
+
+            relative = all(element.relative for element, _ in laws)
+            direction = tangent_direction(stage, slopes)
+            return derivative(direction, residual, window, relative=relative)
+
+        slopes = around.velocity_slope, around.acceleration_slope
+        along = jax.tree.map(lambda slope: index_array.gather(slope, self.index), slopes)
+        return self.each(jacobian, self.windows(motion), along)
+
+    def scatter(self, forces: Float[Array, "w k _"], shape: tuple[int, ...]) -> Rows:
+        """Add the forces of the windows to the rows of an array of a shape."""
+        rows = index_array.scatter(forces, self.index, shape[0])
+        return banded.pad_columns(rows, shape[1])
+
+
+def groups(laws: Laws, axes: int) -> list[LawGroup]:
+    """Return the laws of an arm in groups that share windows."""
     found: dict[tuple[int, int, int, bool], Laws] = {}
     for element, held in laws:
-        spins = element.spins and axes == 3
-        key = (element.first, element.stencil, count(element), spins)
+        key = (element.first, element.stencil, count(element), element.spins and axes == 3)
         found[key] = (*found.get(key, ()), (element, held))
-    return [(first, some) for (first, *_), some in found.items()]
+    return [LawGroup(some, nodes_of(some[0][0]), some[0][0].spins) for some in found.values()]
+
+
+def nodes_of(element: Element) -> np.ndarray:
+    """Return the index array of the windows of an element of an arm."""
+    return element.first + np.arange(count(element))[:, None] + np.arange(element.stencil)
 
 
 def remembering(window: Motion, held: Held) -> Motion:
@@ -91,14 +156,9 @@ def remembering(window: Motion, held: Held) -> Motion:
 
 
 def motion_windows(element: Element, motion: Motion, held: Held = None) -> Motion:
-    """Return the motion in all windows of an element, with its memory."""
-    axes, number = motion.flow_velocity.shape[1], count(element)
-    width = motion.position.shape[1] if element.spins else axes
-
-    def gather(rows: Array) -> Array:
-        return banded.gather(rows, element.first, number, element.stencil)
-
-    return remembering(motion.windows(gather, (number,), width, oriented=element.spins), held)
+    """Return the motion in all windows of an element of an arm, with its memory."""
+    group = LawGroup(((element, held),), nodes_of(element), element.spins)
+    return remembering(group.windows(motion), held)
 
 
 def count(element: Element) -> int:
@@ -110,18 +170,6 @@ def tangent_direction(stage: StepMap, slopes: Slopes) -> TangentDirection:
     """Return the direction of a window's tangent; ``slopes`` are those of the water there."""
     by = (stage.by_position, stage.by_velocity, stage.by_acceleration)
     return TangentDirection(*by, *slopes, fixed_fields=stage.fixed_fields)
-
-
-def jacobian(
-    direction: TangentDirection, laws: Laws, window: Motion, load_factor: Array | None
-) -> Array:
-    """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-
-    def residual(window: Motion) -> Array:
-        return jnp.sum(residuals(laws, window, load_factor), axis=0)
-
-    relative = all(element.relative for element, _ in laws)
-    return derivative(direction, residual, window, relative=relative)
 
 
 def derivative(

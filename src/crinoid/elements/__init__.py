@@ -14,6 +14,7 @@ from crinoid.elements.elastic import Stretch as Stretch
 from crinoid.elements.element import ENERGIES as ENERGIES
 from crinoid.elements.element import WORKS as WORKS
 from crinoid.elements.element import Element as Element
+from crinoid.elements.element import Law as Law
 from crinoid.elements.element import Motion as Motion
 from crinoid.elements.element import TangentDirection as TangentDirection
 from crinoid.elements.hull_contact import HullContact as HullContact

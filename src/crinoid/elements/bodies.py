@@ -2,12 +2,11 @@
 
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.element import Element, Motion
+from crinoid.elements.element import Law, Motion
 from crinoid.elements.rigid import Pose
 from crinoid.elements.soft_skin import rows_of
 from crinoid.elements.water import smooth_speed
@@ -18,7 +17,7 @@ from crinoid.numerics.small_matrices import product
 _STATIONS, _SHARES = np.polynomial.legendre.leggauss(4)
 
 
-class Body(Element):
+class Body(Law):
     """Inertia, weight, buoyancy, drag, added mass and Froude-Krylov force of a free body.
 
     A sphere, or a capsule: a cylinder of length ``l`` with half a sphere at each end. With the slip
@@ -37,9 +36,8 @@ class Body(Element):
     The memory is its `Pose`.
     """
 
-    stencil: ClassVar[int] = 2
     spins: ClassVar[bool] = True
-    first: int = eqx.field(static=True)
+    balanced: ClassVar[slice] = slice(1)
     mass: Float[Array, "*count"]
     """Mass (kg)."""
     displaced: Float[Array, "*count"]
@@ -93,7 +91,6 @@ class Body(Element):
         else:
             swept = jnp.eye(3) - axis[:, :, None] * axis[:, None, :]
         return Body(
-            0,
             mass,
             displaced,
             0.5 * density * SPHERE_DRAG * jnp.pi * radius**2,

@@ -44,7 +44,7 @@ class BodyContact(Contact):
     lengths ``l`` are the larger ones of the two bodies.
     """
 
-    stencil: ClassVar[int] = 4
+    balanced: ClassVar[slice] = slice(None, None, 2)
     end: Float[Array, "*count d"] = eqx.field(kw_only=True)
     """End of the first body's core, from its centre, in its axes (m)."""
     rolling: Float[Array, "*count"] = eqx.field(kw_only=True)
@@ -79,7 +79,6 @@ class BodyContact(Contact):
         rubs, rolls, spins = larger
         pressed = SKIN_WEIGHTS * gravity * jnp.minimum(mass[first], mass[second])
         return BodyContact(
-            0,
             jnp.maximum(long, radius[first]),
             radius[first],
             strength + pressed,

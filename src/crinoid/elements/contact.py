@@ -2,7 +2,6 @@
 
 from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -60,9 +59,8 @@ class Contact(SoftSkin):
     nearest point of the axis, and the force there acts on the nodes as on a rigid lever.
     """
 
-    stencil: ClassVar[int] = 3
     spins: ClassVar[bool] = True
-    first: int = eqx.field(static=True)
+    balanced: ClassVar[slice] = slice(3)
     rest_length: Float[Array, "*count"]
     arm_radius: Float[Array, "*count"]
     strength: Float[Array, "*count"]
@@ -112,7 +110,6 @@ class Contact(SoftSkin):
             return jnp.repeat(values, edges, axis=0)
 
         return Contact(
-            first=1,
             rest_length=per_edge(rest_length),
             arm_radius=per_edge(arm_radius),
             strength=per_edge(strength),

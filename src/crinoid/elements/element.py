@@ -180,16 +180,40 @@ def _turning(
     return jnp.pad(swept, ((1, 0), (0, 0))), jnp.pad(twisted, 1)[: moved.shape[0]]
 
 
-class Element(eqx.Module):
-    """A force law that repeats along the arm.
+class Law(eqx.Module):
+    """A force law on windows of rows: of nodes, and of other bodies.
 
-    Every field that is an array has the windows of ``stencil`` consecutive nodes as its leading
-    axis; the methods see one window, without that axis. The equation of motion is that the
-    residuals of all elements add up to zero:
-    ``M a + (internal forces) - (external forces) = 0``.
+    Every field that is an array has the windows as its leading axis; the methods see one window,
+    without that axis. The equation of motion is that the residuals of all laws add up to zero:
+    ``M a + (internal forces) - (external forces) = 0``. Their tangent matrix follows by
+    forward-mode differentiation.
+    """
 
-    Only ``residual`` affects the motion: its tangent matrix follows by forward-mode
-    differentiation. ``energy`` and ``working`` serve the energy balance.
+    spins: ClassVar[bool] = False
+    """Whether it depends on the spin of edges in space; if not, it sees positions only."""
+    relative: ClassVar[bool] = False
+    """Whether it depends only on how its rows lie and move relative to each other."""
+    balanced: ClassVar[slice] = slice(None)
+    """Rows of a window whose forces count as those of the balance."""
+    external: ClassVar[bool] = False
+    """Whether it is an external force, which a static solve may apply in steps."""
+
+    @abstractmethod
+    def residual(self, motion: Motion) -> Float[Array, "k b"]:
+        """Return minus the force on each row (N) and about each edge (N m) of a window."""
+
+    @property
+    def window_axes(self) -> Any:
+        """Axes of its arrays along the windows, as for `jax.vmap`."""
+        return 0
+
+
+class Element(Law):
+    """A force law that repeats along the arm, on windows of ``stencil`` consecutive nodes.
+
+    Every field that is an array has the windows as its leading axis; the methods see one window,
+    without that axis. Only ``residual`` affects the motion; ``energy`` and ``working`` serve the
+    energy balance.
 
     A force law with a *memory*, such as a material that relaxes, also has the methods ``steady``
     and ``advance``. All methods then read the memory at the start of a time step from
@@ -218,12 +242,6 @@ class Element(eqx.Module):
 
     stencil: ClassVar[int]
     """Number of consecutive nodes in a window (1 to 3)."""
-    spins: ClassVar[bool] = False
-    """Whether it depends on the spin of edges in space; if not, it sees positions only."""
-    relative: ClassVar[bool] = False
-    """Whether it depends only on how its nodes lie and move relative to each other."""
-    external: ClassVar[bool] = False
-    """Whether it is an external force, which a static solve may apply in steps."""
     stored: ClassVar[str] = "potential"
     """Name in `crinoid.elements.ENERGIES` under which ``energy`` counts."""
     worked: ClassVar[str] = "loads"
@@ -231,10 +249,6 @@ class Element(eqx.Module):
 
     first: eqx.AbstractVar[int]
     """Node at which the first window starts; node 0 is the ghost behind the root."""
-
-    @abstractmethod
-    def residual(self, motion: Motion) -> Float[Array, "k b"]:
-        """Return minus the force on each node (N) and about each edge (N m) of a window."""
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         """Return the energy that a window stores (J)."""

@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -29,9 +28,8 @@ class HullContact(SoftSkin):
     forces on ghost node and root, which the vehicle holds, so both momenta are kept.
     """
 
-    stencil: ClassVar[int] = 4
     spins: ClassVar[bool] = True
-    first: int = eqx.field(static=True)
+    balanced: ClassVar[slice] = slice(2)  # a reaction at the clamp has a short lever
     arm_radius: Float[Array, "*count"]
     """Radius of the edge (m)."""
     strength: Float[Array, "*count"]
@@ -65,7 +63,6 @@ class HullContact(SoftSkin):
         same = (jnp.broadcast_to(x, edge_mass.shape) for x in (friction, length, diameter / 2))
         rubs, long, radius = same
         return HullContact(
-            1,
             arm_radius[first:],
             strength[first:],
             rubs,

@@ -2,7 +2,6 @@
 
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -28,9 +27,7 @@ class SelfContact(SoftSkin):
     divides the line between their axes as their radii.
     """
 
-    stencil: ClassVar[int] = 4
     spins: ClassVar[bool] = True
-    first: int = eqx.field(static=True)
     radii: Float[Array, "*count 2"]
     """Radii of the two edges (m)."""
     strength: Float[Array, "*count"]
@@ -42,7 +39,6 @@ class SelfContact(SoftSkin):
         """Pair edges of a rod, given by index."""
         radius, strength = surfaces(rod)
         return SelfContact(
-            1,
             radius[pairs],
             jnp.min(strength[pairs], axis=1),
             jnp.broadcast_to(friction, pairs.shape[:1]),

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from crinoid.elements.element import Element
+from crinoid.elements.element import Law
 from crinoid.foundation.fixed_numbers import (
     CREEP,
     EASE,
@@ -21,7 +21,7 @@ from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 
 
-class SoftSkin(Element):
+class SoftSkin(Law):
     """Soft skin between two surfaces: its force by their gap, a dashpot, and friction."""
 
     strength: eqx.AbstractVar[Float[Array, "*count"]]
@@ -79,7 +79,8 @@ class SoftSkin(Element):
         energy that it took. And no two may move further relative to each other than halfway to
         their axes: none passes through unnoticed.
         """
-        travel = jax.vmap(lambda contact, window: contact.travel(window))(self, moved)
+        each = jax.vmap(lambda contact, window: contact.travel(window), (self.window_axes, 0))
+        travel = each(self, moved)
         near = travel <= jnp.maximum(before, 0.0) + 0.5 * self.between_axes
         (stored, force), (stored_before, force_before) = map(self.press, (after, before))
         closed = before - after

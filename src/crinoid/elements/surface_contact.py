@@ -84,6 +84,11 @@ class SurfaceContact(Contact):
 
     surface: Surface = eqx.field(kw_only=True)
 
+    @property
+    def window_axes(self) -> Any:
+        every = jax.tree.map(lambda _: 0, self)
+        return eqx.tree_at(lambda contact: contact.surface, every, None)
+
     def _closest(
         self, position: Float[Array, "3 d"], half_axis: Float[Array, " d"]
     ) -> tuple[Array, Array, Array, Array]:

@@ -28,18 +28,6 @@ Blocks = Float[Array, "n m m"]
 Vectors = Float[Array, "n b"]
 
 
-def gather(nodes: Float[Array, "n ..."], first: int, count: int, stencil: int) -> Array:
-    """Return the ``(count, stencil, ...)`` windows of ``nodes`` that start at ``first``."""
-    return jnp.stack([nodes[first + i : first + i + count] for i in range(stencil)], axis=1)
-
-
-def scatter(windows: Float[Array, "count k b"], first: int, num_nodes: int) -> Vectors:
-    """Add windows back onto the nodes: the transpose of `gather`."""
-    stencil = windows.shape[1]
-    rows = (_place(windows[:, i], (first + i,), (num_nodes,)) for i in range(stencil))
-    return functools.reduce(jnp.add, rows)
-
-
 def assemble(
     blocks: Iterable[tuple[int, Float[Array, "_ _ _ _ _"]]], num_nodes: int, size: int
 ) -> Bands:

@@ -98,8 +98,7 @@ def step_failure(
     caught = False
     if obstacles is not None:
         assert state.gap is not None
-        _, pressing = obstacles.contact.press(state.gap.reshape(-1))
-        caught = bool(np.any(np.asarray(pressing) > 0))
+        caught = bool(np.any(np.asarray(obstacles.touching(state.gap))))
     # what sticks and slips in turn within a step may be beyond Newton's method
     rubs = " or rub it less" * any(obstacle.friction > 0 for obstacle in scenario.obstacle)
     room = f", or obstacles that leave the arm room{rubs}" * (caught and bool(outcome.resolved))
@@ -198,7 +197,7 @@ def nearest_pair(system: System, state: State) -> str:
     forces = ActingForces.of(system.forces, state.context)
     for each in forces.far_contacts:
         other = "the hull" if isinstance(each, Hull) else "itself"
-        found.append((float(jnp.min(each.distances(rows, forces.heading))), "the arm", other))
+        found.append((float(jnp.min(each.group(forces.heading).gaps(rows))), "the arm", other))
     bodies = None if system.forces.obstacles is None else system.forces.obstacles.bodies
     if bodies is not None and state.body_gap is not None:
         apart = np.asarray(state.body_gap) - np.asarray(bodies.skin)
