@@ -28,7 +28,7 @@ from crinoid.dynamics.outcome import (
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
 from crinoid.dynamics.state import EnergyAccount, State, tip_pose
-from crinoid.dynamics.time_step import TimeStepper
+from crinoid.dynamics.time_step import step_with
 from crinoid.dynamics.transition import Transition, transition
 from crinoid.dynamics.vehicle import VehicleOutput
 from crinoid.numerics import banded
@@ -39,7 +39,7 @@ Command = Float[Array, " input"]
 Rows = Float[Array, "rows b"]
 
 
-class System(TimeStepper):
+class System(eqx.Module):
     """A soft arm on its base in the water, as arrays: `jax.jit`, `jax.grad` and `jax.vmap` apply.
 
     `crinoid.system` and `crinoid.assemble` build it. To compile a method, use
@@ -92,6 +92,11 @@ class System(TimeStepper):
     max_halvings: Int[Array, ""]
     actuators: tuple[Actuator, ...] = ()
     grip_triggers: GripTriggers | None = None
+
+    @property
+    def followers(self) -> tuple[Actuator, ...]:
+        """The base's servos and the other actuators, in the order of a command."""
+        return (self.base.servo, *self.actuators)
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -254,7 +259,7 @@ class System(TimeStepper):
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
         at_start = (state.servo, *state.actuators)
-        after, outcome = self.step_with(state, followed(self.followers, at_start, command, h), h)
+        after, outcome = step_with(self, state, followed(self.followers, at_start, command, h), h)
         return outcome.raise_unless_converged(after) if throw else after, outcome
 
     def advance(

@@ -1,117 +1,108 @@
 """Time step: the state at its end, and whether that is accepted."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from crinoid.actuation import Actuator, drives
-from crinoid.base import Base
+from crinoid.actuation import drives
 from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance
-from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.gripper import GripTriggers
-from crinoid.dynamics.integrator import Integrator
-from crinoid.dynamics.newton import Settings, solve
+from crinoid.dynamics.newton import solve
 from crinoid.dynamics.outcome import MIN_COSINE, Outcome, cos_turn_angle
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.start import at_end, expected_acceleration, first_guess
 from crinoid.dynamics.state import State
 from crinoid.dynamics.windows import FlowPerturbation
 
+if TYPE_CHECKING:
+    from crinoid.dynamics.system import System
+
 Rows = Float[Array, "rows b"]
 
 
-class TimeStepper(eqx.Module):
-    """An arm that advances by time steps; `crinoid.System` has its attributes."""
+def step_with(
+    system: System,
+    state: State,
+    ends: Sequence[Any],
+    step: Float[Array, ""],
+    perturbation: FlowPerturbation | None = None,
+) -> tuple[State, Outcome]:
+    """Advance by one time step at whose end the actuators are in the states ``ends``.
 
-    forces: eqx.AbstractVar[Forces]
-    base: eqx.AbstractVar[Base]
-    integrator: eqx.AbstractVar[Integrator]
-    settings: eqx.AbstractVar[Settings]
-    max_error: eqx.AbstractVar[Float[Array, ""]]
-    actuators: eqx.AbstractVar[tuple[Actuator, ...]]
-    grip_triggers: eqx.AbstractVar[GripTriggers | None]
+    ``perturbation`` changes the water at the nodes at the end of the step.
+    """
+    h, before, method = step, state.motion, system.integrator
+    servo, *actuators = ends
+    grip = None
+    if system.grip_triggers is not None:
+        obstacles = system.forces.obstacles
+        grip = system.grip_triggers.after(obstacles, state.grip, state.gap, state.time)
+    stage = method.stage(before, state.auxiliary_offset, h, state.frames)
+    context = replace(state.context, drive=drives(system.actuators, actuators), step=h, grip=grip)
+    forces, held, stage = at_end(system.forces, system.base, servo, context, stage, state, h)
 
-    @property
-    def followers(self) -> tuple[Actuator, ...]:
-        """The base's servos and the other actuators, in the order of a command."""
-        return (self.base.servo, *self.actuators)
+    def correction_for(acceleration: Rows) -> Rows:
+        free = method.correction(acceleration, h)[BOUNDARY_NODES:]  # the others are prescribed
+        return jnp.pad(free, ((BOUNDARY_NODES, 0), (0, 0)))
 
-    def step_with(
-        self,
-        state: State,
-        ends: Sequence[Any],
-        step: Float[Array, ""],
-        perturbation: FlowPerturbation | None = None,
-    ) -> tuple[State, Outcome]:
-        """Advance by one time step at whose end the actuators are in the states ``ends``.
+    # the water is costly: evaluated once, for constant acceleration, and expanded from there.
+    # Not at Newton's guess: a switch between predictors would make the step discontinuous
+    around = forces.surroundings(stage, correction_for(before.acceleration))
+    if perturbation is not None:
+        around = around.perturbed(perturbation)
+    guess = correction_for(expected_acceleration(forces, state))
+    if held is not None:
+        guess = first_guess(forces, held, stage, state, guess)
+    correction, reaction, outcome, reused_tangent = solve(
+        Balance(forces, around, stage), guess, system.settings, state.reused_tangent
+    )
+    motion = forces.motion(stage, correction, around)
+    after = replace(
+        State.of(forces, motion, reaction, ends, forces.arm.memory_after(motion)),
+        auxiliary_offset=method.auxiliary_offset(
+            before.acceleration, state.auxiliary_offset, motion.acceleration, h
+        ),
+        acceleration_history=jnp.concatenate(
+            [before.acceleration[None], state.acceleration_history[:-1]]
+        ),
+        predictor_accepted=outcome.iterations == 0,
+        reused_tangent=jax.lax.stop_gradient(reused_tangent),
+    )
+    return after, _judged(system, forces, state, after, outcome, h)
 
-        ``perturbation`` changes the water at the nodes at the end of the step.
-        """
-        h, before, method = step, state.motion, self.integrator
-        servo, *actuators = ends
-        grip = None
-        if self.grip_triggers is not None:
-            obstacles = self.forces.obstacles
-            grip = self.grip_triggers.after(obstacles, state.grip, state.gap, state.time)
-        stage = method.stage(before, state.auxiliary_offset, h, state.frames)
-        context = replace(state.context, drive=drives(self.actuators, actuators), step=h, grip=grip)
-        forces, held, stage = at_end(self.forces, self.base, servo, context, stage, state, h)
 
-        def correction_for(acceleration: Rows) -> Rows:
-            free = method.correction(acceleration, h)[BOUNDARY_NODES:]  # the others are prescribed
-            return jnp.pad(free, ((BOUNDARY_NODES, 0), (0, 0)))
+def _judged(
+    system: System,
+    forces: ActingForces,
+    state: State,
+    after: State,
+    outcome: Outcome,
+    step: Array,
+) -> Outcome:
+    """Return the outcome of a step, rejected for a fold, a large error or a contact too fast.
 
-        # the water is costly: evaluated once, for constant acceleration, and expanded from there.
-        # Not at Newton's guess: a switch between predictors would make the step discontinuous
-        around = forces.surroundings(stage, correction_for(before.acceleration))
-        if perturbation is not None:
-            around = around.perturbed(perturbation)
-        guess = correction_for(expected_acceleration(forces, state))
-        if held is not None:
-            guess = first_guess(forces, held, stage, state, guess)
-        correction, reaction, outcome, reused_tangent = solve(
-            Balance(forces, around, stage), guess, self.settings, state.reused_tangent
-        )
-        motion = forces.motion(stage, correction, around)
-        after = replace(
-            State.of(forces, motion, reaction, ends, forces.arm.memory_after(motion)),
-            auxiliary_offset=method.auxiliary_offset(
-                before.acceleration, state.auxiliary_offset, motion.acceleration, h
-            ),
-            acceleration_history=jnp.concatenate(
-                [before.acceleration[None], state.acceleration_history[:-1]]
-            ),
-            predictor_accepted=outcome.iterations == 0,
-            reused_tangent=jax.lax.stop_gradient(reused_tangent),
-        )
-        return after, self._judged(forces, state, after, outcome, h)
-
-    def _judged(
-        self, forces: ActingForces, state: State, after: State, outcome: Outcome, step: Array
-    ) -> Outcome:
-        """Return the outcome of a step, rejected for a fold, a large error or a contact too fast.
-
-        On entry ``outcome`` is that of Newton's method.
-        """
-        before, now = state.motion, after.motion
-        folded = jnp.any(cos_turn_angle(forces, now.position) < MIN_COSINE)
-        errors = self.integrator.error(before.acceleration, now.acceleration, step)
-        errors = jax.lax.stop_gradient(forces.unknown(errors, forces.reach)[:, : forces.axes])
-        largest = jnp.sqrt(jnp.max(jnp.sum(errors**2, axis=1)))
-        error = jnp.where(outcome.converged, largest, 0.0)
-        good = outcome.converged & ~folded & (error <= self.max_error)
-        resolved = ~good | _resolved(forces, state, after, step)
-        return eqx.tree_at(
-            lambda o: (o.converged, o.resolved, o.folded, o.error),
-            outcome,
-            (good & resolved, resolved, folded, error),
-        )
+    On entry ``outcome`` is that of Newton's method.
+    """
+    before, now = state.motion, after.motion
+    folded = jnp.any(cos_turn_angle(forces, now.position) < MIN_COSINE)
+    errors = system.integrator.error(before.acceleration, now.acceleration, step)
+    errors = jax.lax.stop_gradient(forces.unknown(errors, forces.reach)[:, : forces.axes])
+    largest = jnp.sqrt(jnp.max(jnp.sum(errors**2, axis=1)))
+    error = jnp.where(outcome.converged, largest, 0.0)
+    good = outcome.converged & ~folded & (error <= system.max_error)
+    resolved = ~good | _resolved(forces, state, after, step)
+    return eqx.tree_at(
+        lambda o: (o.converged, o.resolved, o.folded, o.error),
+        outcome,
+        (good & resolved, resolved, folded, error),
+    )
 
 
 def _resolved(forces: ActingForces, state: State, after: State, step: Array) -> Bool[Array, ""]:

@@ -6,9 +6,11 @@ states of the actuators. They determine the rest: the nodes that the base holds,
 space, the attitude of a vehicle, the reaction of the base.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,11 +24,14 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES, ROTATION, SPIN
 from crinoid.dynamics.start import at_end
 from crinoid.dynamics.state import State
-from crinoid.dynamics.time_step import TimeStepper
+from crinoid.dynamics.time_step import step_with
 from crinoid.dynamics.vehicle import turn_of, unknowns
 from crinoid.dynamics.windows import FlowPerturbation
 from crinoid.numerics.frames import angle_between, tangents, transport
 from crinoid.numerics.small_matrices import product
+
+if TYPE_CHECKING:
+    from crinoid.dynamics.system import System
 
 Coordinates = Float[Array, " a"]
 Following = Float[Array, " s"]
@@ -78,7 +83,7 @@ class Transition(NamedTuple):
 class LocalCoordinates:
     """Coordinates of the states of a system near a given one."""
 
-    def __init__(self, system: TimeStepper, state: State) -> None:
+    def __init__(self, system: System, state: State) -> None:
         self.system, self.state = system, state
         self.actuators, self._shaped = numbers_of((state.servo, *state.actuators))
         self._memory = numbers_of(state.memory)[1]
@@ -169,7 +174,7 @@ class LocalCoordinates:
 
 
 def transition(
-    system: TimeStepper,
+    system: System,
     state: State,
     command: Float[Array, " input"],
     step: Float[Array, ""],
@@ -184,7 +189,7 @@ def transition(
 
     def move(arm: Array, held: Array, driven: Array, water: Array) -> Array:
         change = FlowPerturbation(*water)
-        after, _ = system.step_with(before.at(arm, held), shaped(driven), step, change)
+        after, _ = step_with(system, before.at(arm, held), shaped(driven), step, change)
         return LocalCoordinates(system, jax.lax.stop_gradient(after)).read(after)[0]
 
     def follow(actuators: Array, command: Array) -> Array:
