@@ -14,7 +14,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ellipk
 
-from crinoid.dynamics import Integrator, System
+from crinoid.dynamics import Integrator, resting
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.start import expected_acceleration
 from crinoid.elements import ENERGIES, WORKS
@@ -239,8 +239,8 @@ def test_steady_acceleration_is_a_weight():
     # (an arm of no displacement, so that the water has no weight; the force is m a)
     hanging = equilibrium(submerged(2, gravity=6.0, damping_time=0.1))
     system = carried(2, acceleration=(0.0, 6.0), damping_time=0.1)
-    forces, time, _, _ = system.undeformed(0.0)
-    state = eqx.filter_jit(System._begin)(system, forces, time, hanging.position, None)
+    forces, time, _, _ = resting.undeformed(system, jnp.zeros(()))
+    state = eqx.filter_jit(resting.begin)(system, forces, time, hanging.position, None)
     np.testing.assert_allclose(state.acceleration[:, 1], 6.0, rtol=0, atol=1e-6)
     np.testing.assert_allclose(state.base_force, [0.0, -6.0], rtol=0, atol=1e-7)  # m = 1 kg
     assert float(state.base_moment) == pytest.approx(float(hanging.base_moment), abs=1e-7)

@@ -17,7 +17,7 @@ axes = pytest.mark.parametrize("axes", [2, 3])
 def pair(friction=FRICTION):
     """Return the contact of two edges."""
     numbers = (RADII, STRENGTH, friction, 0.1)
-    return SelfContact(1, *(jnp.asarray(number, float) for number in numbers))
+    return SelfContact(*(jnp.asarray(number, float) for number in numbers))
 
 
 @eqx.filter_jit

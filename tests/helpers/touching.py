@@ -36,7 +36,7 @@ def one_edge(axes=3, *, friction=0.0, **shape):
         *(0.1, THICK, 50.0, shape.get("radius", 0.0)),
         *(shape.get("half_axis", none), shape.get("normal", none), friction, 0.1),
     )
-    return Contact(1, *(jnp.asarray(number, float) for number in numbers))
+    return Contact(*(jnp.asarray(number, float) for number in numbers))
 
 
 def moving(position, velocity):

@@ -17,6 +17,7 @@ from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import Outcome, State, System
+from crinoid.dynamics.resting import follow_equilibrium
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.foundation.status import Status
 from crinoid.results.dataset import coordinates, describe, described
@@ -133,7 +134,7 @@ def _form(system: System) -> tuple[Any, ...]:
 
 @compiled(**ONCE)
 def _follow(system: System, before: System, state: State) -> tuple[State, Outcome]:
-    return system.follow_equilibrium(before, state)
+    return follow_equilibrium(system, before, state)
 
 
 @compiled(**ONCE)

@@ -19,6 +19,7 @@ from crinoid.compilation import ONCE, compiled
 from crinoid.control import Sensor
 from crinoid.dynamics import LocalCoordinates, State, System
 from crinoid.dynamics.coordinate_names import Names, actuator_names, arm_names
+from crinoid.dynamics.resting import stand
 from crinoid.flow import Uniform
 from crinoid.flow.flow import Everywhere
 from crinoid.foundation.axes import AXES
@@ -189,7 +190,7 @@ def _operating_point(
     system: System, state: State, current: Float[Array, " d"], sensors: tuple[Sensor, ...]
 ) -> _OperatingPoint:
     steady = Uniform(Onset.of(), current)
-    still = in_steady_water(system, steady).stand(state)
+    still = stand(in_steady_water(system, steady), state)
     at = LocalCoordinates(in_steady_water(system, steady), still)
 
     def drives(actuators: Array) -> Array:

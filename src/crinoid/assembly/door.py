@@ -9,11 +9,13 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from crinoid.actuation import Actuator, Input
 from crinoid.control import Controller, ControllerInput, Estimate, Sensor
 from crinoid.dynamics import State, System
+from crinoid.dynamics.resting import undeformed
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import count, motion_windows
 from crinoid.elements import Element
@@ -83,7 +85,7 @@ def check_element(element: Element, place: str, system: System) -> None:
         given = getattr(element, key)
         require(given in known, f"{name} {key}", f"got {given!r}; must be one of {known}")
     windows = eqx.filter_eval_shape(
-        lambda: motion_windows(element, static_motion(*system.undeformed(0.0)))
+        lambda: motion_windows(element, static_motion(*undeformed(system, jnp.zeros(()))))
     )
     motion = jax.tree.map(lambda leaf: _shape(*leaf.shape[1:]), windows)
     window = jax.tree.map(lambda leaf: leaf[0], element)

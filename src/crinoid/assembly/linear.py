@@ -24,6 +24,7 @@ from crinoid.assembly.plan import AssembledScenario
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Measurand, Sensor, WaterVelocity
 from crinoid.dynamics import State, System, Transition, numbers_of
+from crinoid.dynamics.resting import stand
 from crinoid.elements import Threads, Vortices
 from crinoid.flow import Flow, Uniform, Water
 from crinoid.numerics.ramp import Onset
@@ -195,7 +196,7 @@ def linearised(
 
     values = observe(system, state)
     system = in_steady_water(system, Uniform(Onset.of(), current))
-    still = system.stand(state)
+    still = stand(system, state)
     # a servo extrapolates from the step before: that of any step, not of the first of a run
     still = eqx.tree_at(lambda s: s.servo.span, still, system.time_step)
     found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)

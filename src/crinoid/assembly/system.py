@@ -16,7 +16,7 @@ from crinoid.assembly.door import build_part, check_element, check_flow, part_na
 from crinoid.assembly.parameters import Parameters
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
-from crinoid.dynamics import FarContact, Forces, Hull, Settings, System
+from crinoid.dynamics import FarContact, Forces, Hull, Settings, System, resting
 from crinoid.elements import AddedMass, Bend, Drag, Element, Inertia, Stretch, Weight
 from crinoid.flow import Flow, Water, on_currents
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -182,13 +182,13 @@ def _velocities_at(
     return jax.vmap(jax.vmap(flow.fully_on, (0, None)), (None, 0))(points, times)
 
 
-_clearance = compiled(**ONCE)(System.clearance)
+_clearance = compiled(**ONCE)(resting.clearance)
 
 
 @compiled(**ONCE)
 def _body_clearance(system: System) -> Float[Array, " pair"]:
     """Return the distance of each pair of free bodies and other obstacles at the start (m)."""
-    forces, _, rows, _ = system.undeformed(0.0)
+    forces, _, rows, _ = resting.undeformed(system, jnp.zeros(()))
     room = [group.gaps(rows) - group.contact.skin for group in forces.body_contacts(rows)]
     return jnp.concatenate(room)
 
@@ -196,7 +196,7 @@ def _body_clearance(system: System) -> Float[Array, " pair"]:
 @compiled(**ONCE)
 def _far_clearances(system: System) -> tuple[Float[Array, ""], ...]:
     """Return the smallest distance of the undeformed arm in each contact of far parts (m)."""
-    forces, _, rows, _ = system.undeformed(0.0)
+    forces, _, rows, _ = resting.undeformed(system, jnp.zeros(()))
     return tuple(jnp.min(gaps) for gaps in forces.far_gaps(rows))
 
 
@@ -221,7 +221,7 @@ def clearance(system: System) -> Float[np.ndarray, " m"]:
 
     A free obstacle may overlap another one by the skin of their contact.
     """
-    room, length = np.asarray(_clearance(system)), float(system.reference.length)
+    room, length = np.asarray(_clearance(system, jnp.zeros(()))), float(system.reference.length)
     mistakes = [
         Mistake(
             f"obstacle.{index}.position",

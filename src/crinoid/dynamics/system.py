@@ -1,7 +1,6 @@
 """System: the assembled arm and its time step."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -10,11 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from crinoid.actuation import Actuator, Input, drives, followed
+from crinoid.actuation import Actuator, Input, followed
 from crinoid.base import Base
-from crinoid.dynamics import modes, pulled, start, statics
+from crinoid.dynamics import modes, resting
 from crinoid.dynamics.acting import ActingForces
-from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripTriggers
 from crinoid.dynamics.integrator import Integrator
@@ -25,14 +23,11 @@ from crinoid.dynamics.outcome import (
     halve,
     warn_of_round_off,
 )
-from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
 from crinoid.dynamics.state import EnergyAccount, State, tip_pose
 from crinoid.dynamics.time_step import step_with
 from crinoid.dynamics.transition import Transition, transition
-from crinoid.dynamics.vehicle import VehicleOutput
 from crinoid.numerics import banded
-from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
 
 Command = Float[Array, " input"]
@@ -116,27 +111,7 @@ class System(eqx.Module):
         State
         """
         # one by one its operations need longer to compile
-        return eqx.filter_jit(System._at_rest)(self, jnp.asarray(time, float))
-
-    def _at_rest(self, time: Array) -> State:
-        return self._begin(*self.undeformed(time))
-
-    def undeformed(self, time: float | Array) -> tuple[ActingForces, Array, Rows, Frames | None]:
-        """Return the forces with actuators at rest, the time, and the undeformed shape then."""
-        time = jnp.asarray(time, float)
-        forces = ActingForces.of(self.forces, self._at_start)
-        return forces, time, *start.undeformed(self.reference, self.base, forces, time)
-
-    @property
-    def _at_start(self) -> Context:
-        """Context of the forces with actuators at rest."""
-        return Context(drives(self.actuators, [each.at_rest() for each in self.actuators]))
-
-    def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
-        """Return the distance of each obstacle from the undeformed arm (m)."""
-        forces, _, rows, _ = self.undeformed(time)
-        gaps = forces.gaps(rows)
-        return jnp.zeros(0) if gaps is None else jnp.min(gaps, axis=1)
+        return eqx.filter_jit(resting.undeformed_state)(self, jnp.asarray(time, float))
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium, moving along with its base.
@@ -180,53 +155,7 @@ class System(eqx.Module):
         -------
         tuple of State and Outcome
         """
-        _, time, rows, frames = self.undeformed(time)
-        rows = start.with_clamp_spin(self.base, time, rows, frames)
-        forces, position, frames, outcome = pulled.find(
-            self.reference, self.forces, self._at_start, self.settings, time, rows, frames
-        )
-        return self._begin(forces, time, position, frames), outcome
-
-    def follow_equilibrium(self, before: "System", state: State) -> tuple[State, Outcome]:
-        """Find the equilibrium that an arm reaches while numbers change slowly to those here.
-
-        It starts from an equilibrium ``state`` of a system ``before`` with other numbers, and keeps
-        to its branch: past a limit point the arm snaps to the next equilibrium. The outcome says
-        whether there is one.
-        """
-        _, time, base_before, _ = before.undeformed(state.time)
-        _, _, base_after, _ = self.undeformed(state.time)
-        shape, frames = state.motion.position, state.frames
-        nodes = self.forces.nodes(shape).shape[0]
-        free = np.r_[BOUNDARY_NODES:nodes, self.forces.free_rows]
-
-        def placed(base: Base, rows: Rows) -> Rows:
-            rows = start.with_clamp_spin(base, time, rows, frames)
-            return rows.at[free].set(shape[free])
-
-        starts = placed(before.base, base_before), placed(self.base, base_after)
-        forces, position, frames, outcome = pulled.follow(
-            self.reference,
-            ((before.forces, before._at_start), (self.forces, self._at_start)),
-            self.settings,
-            time,
-            starts,
-            frames,
-            state.memory,
-        )
-        return self._begin(forces, time, position, frames), outcome
-
-    def stand(self, state: State) -> State:
-        """Return the same shape without motion, in the flow frozen at its time."""
-        forces = ActingForces.of(self.forces, state.context.at_rest(state.time))
-        motion = statics.static_motion(forces, state.time, state.motion.position, state.frames)
-        reaction = forces.residual(motion)[0][:BOUNDARY_NODES]
-        memory, followers = forces.arm.memory_at_start(motion), (state.servo, *state.actuators)
-        return replace(
-            State.of(forces, motion, reaction, followers, memory),
-            attitude=state.attitude,
-            reused_tangent=state.reused_tangent,
-        )
+        return resting.find_equilibrium(self, jnp.asarray(time, float))
 
     def step(
         self,
@@ -280,13 +209,14 @@ class System(eqx.Module):
         -------
         tuple of State and `crinoid.dynamics.StepStatistics`
         """
-        h = self.time_step if step is None else jnp.asarray(step, float)
-
-        def once(state: State, part: Array) -> tuple[State, Outcome]:
-            return self.step(state, command, part)
-
-        none = StepStatistics.of_nothing()
-        return halve(once, state, h, self.max_halvings, self.max_error, none)
+        return halve(
+            lambda now, part: self.step(now, command, part),
+            state,
+            self.time_step if step is None else jnp.asarray(step, float),
+            self.max_halvings,
+            self.max_error,
+            StepStatistics.of_nothing(),
+        )
 
     def advance_with_account(
         self,
@@ -350,26 +280,6 @@ class System(eqx.Module):
         pose = tip_pose(state.position)
         axes = self.forces.axes
         return pose + jnp.pad(self.forces.origin, (0, pose.size - axes))
-
-    def obstacle_axes(self, state: State) -> Float[Array, "m d"] | None:
-        """Return the direction of a line fixed to each obstacle, if some are free.
-
-        That is the axis of a capsule or cylinder; otherwise it is along x at the start.
-        """
-        obstacles = self.forces.obstacles
-        if obstacles is None or state.obstacle_attitude is None:
-            return None
-        half = obstacles.half_axis
-        size = jnp.sqrt(jnp.sum(half**2, axis=1, keepdims=True))
-        axis = jnp.where(size > 0, half / jnp.where(size > 0, size, 1.0), jnp.eye(half.shape[1])[0])
-        return jnp.sum(state.obstacle_attitude * axis[:, None, :], axis=-1)
-
-    def vehicle_output(self, state: State) -> VehicleOutput | None:
-        """Return pose and thrust of the vehicle; None if the base does not float."""
-        vehicle = self.forces.vehicle
-        if vehicle is None or state.attitude is None:
-            return None
-        return vehicle.vehicle_output(state.motion, state.attitude)
 
     def strains(self, state: State) -> Float[Array, "n strain"]:
         """Return the curvature at each node; those of the tip are extrapolated.
@@ -460,13 +370,3 @@ class System(eqx.Module):
         """
         output = partial(observe or System.tip, self)
         return transition(self, state, command, self.time_step, output)
-
-    def _begin(
-        self, forces: ActingForces, time: Array, position: Rows, frames: Frames | None
-    ) -> State:
-        """Return the state of a shape that moves rigidly with the base, in dynamic balance."""
-        followers = [one.at_rest() for one in self.followers]
-        state = start.begin(forces, self.base, followers, time, position, frames)
-        return (
-            state if self.grip_triggers is None else replace(state, grip=self.grip_triggers.begin())
-        )

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from crinoid.numerics.index_array import place_at
 from crinoid.numerics.small_matrices import product
 
 Bands = Float[Array, "n 5 b b"]
@@ -39,7 +40,7 @@ def assemble(
             raise ValueError(f"A window must span at most 3 nodes, got {stencil}.")
         by_row = block.transpose(1, 0, 3, 2, 4)
         shape = (num_nodes, 5, size, size)
-        placed += [_place(by_row[i], (first + i, 2 - i, 0, 0), shape) for i in range(stencil)]
+        placed += [place_at((first + i, 2 - i, 0, 0), by_row[i], shape) for i in range(stencil)]
     return functools.reduce(jnp.add, placed)
 
 
@@ -191,7 +192,7 @@ def with_first_rows(first: Float[Array, "m b"], nodes: Vectors) -> Vectors:
 
 def pad_columns(rows: Float[Array, "n _"], width: int) -> Vectors:
     """Pad rows with columns of zeros up to a width."""
-    return _place(rows, (0, 0), (rows.shape[0], width))
+    return place_at((0, 0), rows, (rows.shape[0], width))
 
 
 def _within(bands: Bands) -> Bands:
@@ -199,14 +200,6 @@ def _within(bands: Bands) -> Bands:
     node = jnp.arange(bands.shape[0])[:, None] + jnp.arange(-2, 3)
     inside = (node >= 0) & (node < bands.shape[0])
     return jnp.where(inside[..., None, None], bands, 0.0)
-
-
-def _place(part: Array, first: tuple[int, ...], shape: tuple[int, ...]) -> Array:
-    """Return an array of zeros with a part that starts at ``first`` along the leading axes."""
-    leading = zip(first, shape, part.shape, strict=False)
-    margins = [(start, whole - start - size, 0) for start, whole, size in leading]
-    margins += [(0, 0, 0)] * (part.ndim - len(margins))
-    return jax.lax.pad(part, np.zeros((), part.dtype), margins)
 
 
 def _ends(from_root: Array, from_tip: Array) -> Array:

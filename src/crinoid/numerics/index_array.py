@@ -47,15 +47,9 @@ def scatter(windows: Float[Array, "w k ..."], index: Index, count: int) -> Float
         if not pieces:
             return jnp.zeros((count, *inner)).at[along].add(values)
         ends = np.cumsum([piece.stop - piece.start for piece in pieces])
-        parts = jnp.split(values, ends[:-1]) if len(pieces) > 1 else [values]
-        placed = (
-            jax.lax.pad(
-                part,
-                np.zeros((), part.dtype),
-                [(piece.start, count - piece.stop, 0), *[(0, 0, 0)] * len(inner)],
-            )
-            for part, piece in zip(parts, pieces, strict=True)
-        )
+        parts = jnp.split(values, ends[:-1])
+        firsts = [piece.start for piece in pieces]
+        placed = (place_at((n,), x, (count,)) for n, x in zip(firsts, parts, strict=True))
         return functools.reduce(jnp.add, placed)
 
     return functools.reduce(jnp.add, map(column, range(index.shape[-1])))
@@ -82,6 +76,14 @@ def scatter_blocks(
     none = jnp.zeros((shape[0], size, shape[1], size))
     pairs = rows[:, :, None], columns[:, None, :]
     return none.at[pairs[0], :, pairs[1]].add(jnp.moveaxis(blocks, 3, 2))
+
+
+def place_at(first: tuple[int, ...], part: Array, shape: tuple[int, ...]) -> Array:
+    """Return an array of zeros with a part that starts at ``first`` along the leading axes."""
+    leading = zip(first, shape, part.shape, strict=False)
+    margins = [(start, whole - start - size, 0) for start, whole, size in leading]
+    margins += [(0, 0, 0)] * (part.ndim - len(margins))
+    return jax.lax.pad(part, np.zeros((), part.dtype), margins)
 
 
 def _line(index: Int[np.ndarray, "*grid"] | Int[Array, " w"]) -> tuple[int, np.ndarray | Array]:

@@ -4,11 +4,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.actuation import drives
 from crinoid.compilation import OFTEN, SOMETIMES, Program, compiled
-from crinoid.dynamics import ActingForces, FarEdges, Hull, Outcome, State, StepStatistics
+from crinoid.dynamics import (
+    ActingForces,
+    FarEdges,
+    Forces,
+    Hull,
+    Outcome,
+    State,
+    StepStatistics,
+    VehicleOutput,
+)
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState
 
@@ -58,7 +67,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         obstacle_position=state.obstacle_position,
         obstacle_velocity=state.obstacle_velocity,
         obstacle_spin=state.obstacle_spin,
-        obstacle_axis=system.obstacle_axes(state),
+        obstacle_axis=_obstacle_axes(system.forces, state),
         gap=state.gap,
         touch=books.contact,
         director=None if state.frames is None else state.frames.director[2:],
@@ -68,7 +77,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         vortices=forces.arm.vortex_forces(state.motion),
         self_touch=touches.get(FarEdges),
         hull_touch=touches.get(Hull),
-        vehicle=system.vehicle_output(state),
+        vehicle=_vehicle_output(system.forces, state),
         estimate=estimate,
         estimate_time=estimate_time,
         held=forces.arm.tool_factor(state.time),
@@ -182,3 +191,25 @@ def run_chunks(
         return carry, kept, due, outcome
 
     return eqx.filter_vmap(one)(loops, carries, outcomes, ends, strides)
+
+
+def _obstacle_axes(forces: Forces, state: State) -> Float[Array, "m d"] | None:
+    """Return the direction of a line fixed to each obstacle, if some are free.
+
+    That is the axis of a capsule or cylinder; otherwise it is along x at the start.
+    """
+    obstacles = forces.obstacles
+    if obstacles is None or state.obstacle_attitude is None:
+        return None
+    half = obstacles.half_axis
+    size = jnp.sqrt(jnp.sum(half**2, axis=1, keepdims=True))
+    axis = jnp.where(size > 0, half / jnp.where(size > 0, size, 1.0), jnp.eye(half.shape[1])[0])
+    return jnp.sum(state.obstacle_attitude * axis[:, None, :], axis=-1)
+
+
+def _vehicle_output(forces: Forces, state: State) -> VehicleOutput | None:
+    """Return pose and thrust of the vehicle; None if the base does not float."""
+    vehicle = forces.vehicle
+    if vehicle is None or state.attitude is None:
+        return None
+    return vehicle.vehicle_output(state.motion, state.attitude)

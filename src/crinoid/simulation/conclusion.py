@@ -23,6 +23,7 @@ from crinoid.diagnostics.held_commands import command_jumps, held_commands_note
 from crinoid.diagnostics.run_notes import notes, tear_failure, tool_notes
 from crinoid.dynamics import ActingForces, Hull, Outcome, State, System
 from crinoid.dynamics.outcome import cos_turn_angle
+from crinoid.dynamics.resting import undeformed
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.foundation.axes import LARGEST_TURN
@@ -168,7 +169,7 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
     """Return whether the results of actuators, flows and elements are finite after a step."""
     forces, states = system.forces, [one.at_rest() for one in system.actuators]
     if state is None:
-        motion = static_motion(*system.undeformed(step))
+        motion = static_motion(*undeformed(system, step))
     else:
         command, before = jnp.zeros(len(system.inputs)), (state.servo, *state.actuators)
         states, old = followed(system.followers, before, command, step)[1:], state.motion

@@ -8,6 +8,7 @@ from crinoid.assembly.prepared import Prepared, at_rest, require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.dynamics import State, System
+from crinoid.dynamics.resting import stand
 from crinoid.results.result import Result
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.scenario import AT_REST
@@ -71,4 +72,4 @@ def settle(prepared: Prepared, *, notes: bool = True) -> Result:
 
 @compiled(**ONCE)
 def _stand(system: System, state: State) -> State:
-    return system.stand(state)
+    return stand(system, state)
