@@ -32,8 +32,6 @@ from crinoid.simulation.loop import Loop
 from crinoid.simulation.loop_margin import INDENTED, OpenLoop, around
 from crinoid.simulation.setup import Setup, set_up
 
-__all__ = ["LinearLoop", "LinearPlant", "linear_controller", "linear_loop"]
-
 _GRID = 1500
 _LOWEST = 1e-5
 """Lowest frequency looked at, over the highest."""

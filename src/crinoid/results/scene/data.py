@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
@@ -35,9 +36,14 @@ def is_spatial(dataset: xr.Dataset) -> bool:
 
 def in_space(dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape axis=3"]:
     """Values of a vector variable, the axis last; y is zero in the plane."""
-    vector = np.asarray(dataset[name].transpose(..., "axis").values, dtype=float)
-    whole = np.zeros((*vector.shape[:-1], 3))
-    whole[..., [AXES[3].index(str(label)) for label in dataset["axis"].values]] = vector
+    return in_three(dataset[name].transpose(..., "axis").values)
+
+
+def in_three(vectors: ArrayLike) -> Float[np.ndarray, "*shape axis=3"]:
+    """Vectors along all three axes; those of a planar arm have y = 0."""
+    given = np.asarray(vectors, float)
+    whole = np.zeros((*given.shape[:-1], 3))
+    whole[..., [AXES[3].index(axis) for axis in AXES[given.shape[-1]]]] = given
     return whole
 
 
