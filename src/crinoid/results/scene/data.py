@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
-from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
 from crinoid.scenario.obstacle import ENDLESS, Capsule, Cylinder, Plane, Sphere
 from crinoid.scenario.obstacle import Obstacle as Described
@@ -240,13 +239,3 @@ def _solid(data: xr.Dataset, index: int) -> SolidShape | None:
     corners, facets = np.unique(data["surface_facet"].values[own], return_inverse=True)
     points = data["surface_point"].values[corners].astype(float)
     return SolidShape(points, facets.reshape(-1, 3))
-
-
-def check_obstacles(result: Result, path: object) -> None:
-    """Refuse a result of a path whose obstacles cannot be drawn."""
-    try:
-        find_obstacles(result)
-    except (LookupError, ValueError) as error:
-        reason = result.readable[1] or str(error).partition("\n")[0]
-        text = f"its scenario does not describe its obstacles ({reason})"
-        raise ReportError(f"{path}: not a crinoid result, {text}") from error

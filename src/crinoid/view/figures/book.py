@@ -24,17 +24,12 @@ from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectru
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.estimate import log_chart
 from crinoid.view.figures.charts.of_run import charts_of
-from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
+from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist, draw_response
 from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.paper import draw_chart
-from crinoid.view.figures.response import draw_response
 from crinoid.view.figures.sea_record import draw_record
-from crinoid.view.figures.searches import (
-    draw_identification,
-    draw_optimisation,
-    draw_training,
-)
+from crinoid.view.figures.searches import draw_identification, draw_optimisation, draw_training
 from crinoid.view.figures.seed_means import draw_means, means_keys
 from crinoid.view.figures.shape import draw_bending, draw_close_up, draw_shape
 from crinoid.view.figures.sheet import draw_sheet
@@ -87,11 +82,7 @@ _FINDINGS = {
             "flow_spectrum": ("frequency", "place", "axis"),
             **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
         },
-        {
-            "flow.png": series_chart,
-            "spectrum.png": draw_spectrum,
-            "profile.png": draw_profile,
-        },
+        {"flow.png": series_chart, "spectrum.png": draw_spectrum, "profile.png": draw_profile},
     ),
     RECORD: _Finding(
         "a record",
