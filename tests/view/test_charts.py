@@ -15,7 +15,7 @@ from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart
 from crinoid.view.figures.charts.vehicle import vehicle_chart
 from crinoid.view.figures.charts.vortices import vortex_chart
-from crinoid.view.figures.cycles import draw_cycles, has_cycles
+from crinoid.view.figures.shape import draw_cycles, has_cycles
 from crinoid.view.figures.sheet import in_best_frame
 from helpers import planar_result, spatial_result
 from helpers.made_results import made_result

@@ -18,6 +18,7 @@ from crinoid.flow import MeasuredPoint, Uniform, Water
 from crinoid.numerics.piecewise import PiecewisePolynomial
 from crinoid.numerics.ramp import Onset
 from crinoid.results.result import Result
+from crinoid.results.scene.data import in_three
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.view.figures import write_report
 from crinoid.view.live.adjustable import AdjustableNumbers, adjusted_flows
@@ -30,7 +31,6 @@ from crinoid.view.live.interactive import (
     shift_to,
 )
 from crinoid.view.live.session import LiveSession
-from crinoid.view.live.session_log import in_three
 
 SCENARIO = """
 title = "a small arm"

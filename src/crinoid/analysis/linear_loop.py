@@ -32,8 +32,6 @@ from crinoid.simulation.loop import Loop
 from crinoid.simulation.loop_margin import INDENTED, OpenLoop, around
 from crinoid.simulation.setup import Setup, set_up
 
-__all__ = ["LinearLoop", "LinearPlant", "linear_controller", "linear_loop"]
-
 _GRID = 1500
 _LOWEST = 1e-5
 """Lowest frequency looked at, over the highest."""
@@ -111,12 +109,8 @@ class LinearPlant(NamedTuple):
         own = controller.minimal()
         driven = _driven(own)
         plant = plant._replace(B=plant.B[:, driven], D=plant.D[:, driven]).minimal()
-        closed = np.block(
-            [
-                [plant.A + plant.B @ own.D[driven] @ plant.C, plant.B @ own.C[driven]],
-                [own.B @ plant.C, own.A],
-            ]
-        )
+        arm = plant.A + plant.B @ own.D[driven] @ plant.C
+        closed = np.block([[arm, plant.B @ own.C[driven]], [own.B @ plant.C, own.A]])
         found = np.linalg.eigvals(closed).astype(complex)
         found = found[np.argsort(-np.abs(found))]
         # others are gone after a period
@@ -178,12 +172,9 @@ def _slopes(loop: Loop, state: State, calls: Int[Array, ""]) -> tuple[tuple[Arra
         lower=first.lower - _FAR * (1 + jnp.abs(first.lower)),
         upper=first.upper + _FAR * (1 + jnp.abs(first.upper)),
     )
-    values, shaped_values = ravel_pytree(
-        [
-            sensor.reading(samples, state.time).value
-            for sensor, samples in zip(loop.sensors, begin.sensors, strict=True)
-        ]
-    )
+    sampled = zip(loop.sensors, begin.sensors, strict=True)
+    read = [sensor.reading(samples, state.time).value for sensor, samples in sampled]
+    values, shaped_values = ravel_pytree(read)
     numbers, others = eqx.partition(first.actuators, eqx.is_inexact_array)
     followers, shaped_followers = ravel_pytree(numbers)
 

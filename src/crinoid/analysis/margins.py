@@ -11,8 +11,6 @@ from crinoid.foundation.status import Status
 from crinoid.results.dataset import describe, described
 from crinoid.simulation.loop_margin import ROBUST, Margin
 
-__all__ = ["MARGINS", "find_margins"]
-
 MARGINS = "margins.nc"
 
 _SHARE = 0.05

@@ -12,6 +12,7 @@ from crinoid.flow.waves import deep_wave_number, jonswap
 from crinoid.numerics.signals_and_systems import Spectrum, integral_time, spectrum, von_karman
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import described
+from crinoid.results.units import round_down
 
 RECORD, HISTOGRAM = "record.nc", "histogram.csv"
 SPEED, SHARE = "speed (m/s)", "share of time"
@@ -130,8 +131,7 @@ def histogram(
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
     """Return the centres of bins of speed (m/s), of a round width, and their shares of time."""
     most = float(speed.max()) or 1.0
-    power = 10.0 ** np.floor(np.log10(most / _BINS))
-    width = max(step * power for step in (1, 2, 5) if step * power <= most / _BINS)
+    width = round_down(most / _BINS)
     count = int(most / width) + 1
     shares = np.bincount((speed / width).astype(int), minlength=count) / speed.size
     return width * (np.arange(shares.size) + 0.5), shares

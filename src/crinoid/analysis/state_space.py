@@ -180,17 +180,8 @@ class StateSpaceModel:
         except ImportError as error:
             text = 'python-control is not installed: pip install "crinoid[control]"'
             raise ImportError(text) from error
-        return control.ss(
-            self.A,
-            self.B,
-            self.C,
-            self.D,
-            self.period,
-            states=list(self.states),
-            inputs=list(self.inputs),
-            outputs=list(self.outputs),
-            name="plant",
-        )
+        names = {kind: list(getattr(self, kind)) for kind in ("states", "inputs", "outputs")}
+        return control.ss(self.A, self.B, self.C, self.D, self.period, name="plant", **names)
 
     def save(self, path: FilePath) -> None:
         """Write the model to a file for NumPy (.npz), MATLAB and Octave (.mat), or JSON (.json).

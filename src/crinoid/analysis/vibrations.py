@@ -161,12 +161,8 @@ def _at_rest(
 ) -> tuple[Float[Array, "node d"], Outcome, SmallMotions, LineStiffness | None]:
     state, outcome = system.find_equilibrium()
     small = system.small_motions(state, current)
-    return (
-        system.forces.origin + state.position[BOUNDARY_NODES - 1 :],
-        outcome,
-        small,
-        system.influence(state).lines,
-    )
+    position = system.forces.origin + state.position[BOUNDARY_NODES - 1 :]
+    return position, outcome, small, system.influence(state).lines
 
 
 def _dataset(prepared: Prepared, found: dict[str, Vibration]) -> xr.Dataset:
@@ -208,11 +204,8 @@ def _dataset(prepared: Prepared, found: dict[str, Vibration]) -> xr.Dataset:
         first = water.modes.frequency
         speed = np.outer(first, prepared.facts.lock_in) * prepared.facts.diameter
         locks = (first > 0) & _bending(water, np.asarray(scenario.arm.diameters))
-        speed = np.pad(
-            np.where(locks[:, None], speed, np.nan),
-            ((0, most - first.size), (0, 0)),
-            constant_values=np.nan,
-        )
+        known, lacking = np.where(locks[:, None], speed, np.nan), ((0, most - first.size), (0, 0))
+        speed = np.pad(known, lacking, constant_values=np.nan)
         rows.append(
             ("lock_in_speed", "mode end", "m s-1", speed,
              "speeds of a current across the arm between which vortices lock in to a bending mode"),
@@ -261,10 +254,8 @@ def _notes(scenario: Scenario, dataset: xr.Dataset) -> list[str]:
     for medium in media:
         here = dataset.sel(medium=medium)
         for mode in here["mode"].values:
-            ratio, frequency, rate = (
-                float(here[name].sel(mode=mode))
-                for name in ("damping_ratio", "frequency", "decay_rate")
-            )
+            names = ("damping_ratio", "frequency", "decay_rate")
+            ratio, frequency, rate = (float(here[name].sel(mode=mode)) for name in names)
             if ratio < _GROWS:
                 how = f"swings at {frequency:.3g} Hz and " if frequency > 0 else ""
                 away = "grows" if frequency > 0 else "leaves without swinging"

@@ -138,11 +138,8 @@ def _lock_in(data: xr.Dataset) -> str:
         for mode, (low, high) in zip(swings["mode"].values, swings.values, strict=True)
     )
     speeds = ", ".join(texts)
-    return (
-        f"where the flow across the arm is {speeds}"
-        if speeds
-        else "to none: no bending mode oscillates"
-    )
+    none = "to none: no bending mode oscillates"
+    return f"where the flow across the arm is {speeds}" if speeds else none
 
 
 def _rest(data: xr.Dataset) -> str:

@@ -40,13 +40,10 @@ def consistency_table(data: xr.Dataset) -> Table:
             rows.append((f"standard deviation, {words} {axis}".strip(), scale.text(size), ""))
     attributes = data.attrs
     low, high = attributes["mean_square_low"], attributes["mean_square_high"]
+    square = f"{attributes['mean_square']:.3g}"
     rows += [
         ("readings", str(attributes["readings_used"]), ""),
-        (
-            "mean normalised innovation squared",
-            f"{attributes['mean_square']:.3g}",
-            f"{low:.3f} to {high:.3f}",
-        ),
+        ("mean normalised innovation squared", square, f"{low:.3f} to {high:.3f}"),
         ("innovations within 2 std", f"{100 * attributes['within_two_std']:.1f} %", "95.4 %"),
     ]
     return new_table(attributes["title"], ("", "found", "if the model is right"), rows)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -41,17 +42,9 @@ def optimise_numbers(
     force: bool,
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
-
-    def search() -> Optimisation:
-        return Optimisation(text.scenario, ranges, goal, seeds, trials, rest=rest)
-
-    names = SearchNames(
-        "an optimisation",
-        OPTIMISATION,
-        "optimise",
-        "optimised",
-        "A wider range may give a better value",
-    )
+    search = partial(Optimisation, text.scenario, ranges, goal, seeds, trials, rest=rest)
+    beyond = "A wider range may give a better value"
+    names = SearchNames("an optimisation", OPTIMISATION, "optimise", "optimised", beyond)
     return search_and_save(text, folder, names, search, force=force)
 
 
@@ -140,9 +133,8 @@ def optimisation_table(search: Optimisation, more: Sequence[Sequence[str]] = ())
     before, after = search.given, search.best.found
     units = (plain_unit(each.unit) for each in search.goal.measures)
     unit = [f" ({each})" if each else "" for each in units]
-    rows.append(
-        (f"{search.goal.names[0]}{unit[0]}", _text(before[0].mean()), _text(after[0].mean()))
-    )
+    means = (_text(each[0].mean()) for each in (before, after))
+    rows.append((f"{search.goal.names[0]}{unit[0]}", *means))
     for number, limit in enumerate(search.goal.limits, start=1):
         worst = (_text(max(limit.sign * x[number]) * limit.sign) for x in (before, after))
         rows.append((f"{limit}{unit[number]}", *worst))

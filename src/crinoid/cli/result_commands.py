@@ -22,13 +22,7 @@ def report(result: Path, file_format: str, out: Path | None) -> None:
 
 
 def export(
-    result: str,
-    to: str,
-    settings: list[str] | None,
-    out: Path | None,
-    *,
-    force: bool,
-    **table: Any,
+    result: str, to: str, settings: list[str] | None, out: Path | None, *, force: bool, **table: Any
 ) -> None:
     """Export a result, a policy or a scenario; ``table`` is of results."""
     if to == "fmu":

@@ -115,9 +115,8 @@ def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
     except ResultError as error:
         raise refusal("--resume", str(error)) from error
     except ScenarioError as error:
-        raise refusal(
-            "--resume", f"the scenario in {path} cannot be read: {error.lines[0]}"
-        ) from error
+        text = f"the scenario in {path} cannot be read: {error.lines[0]}"
+        raise refusal("--resume", text) from error
     duration = scenario.simulation.duration
     for each in described:
         try:
@@ -128,15 +127,10 @@ def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
             text = f"the run in {folder} is of another scenario; only its duration may be changed"
             raise refusal("--resume", text)
         if duration < each.simulation.duration:
-            covered = each.simulation.duration
-            raise refusal(
-                "--resume", f"the run in {folder} already covers {covered} s; nothing to resume"
-            )
-    changed = [
-        file
-        for file, digest in earlier.digests.items()
-        if prepared.digests.get(file, digest) != digest
-    ]
+            text = f"the run in {folder} already covers {each.simulation.duration} s"
+            raise refusal("--resume", f"{text}; nothing to resume")
+    now = prepared.digests
+    changed = [file for file, digest in earlier.digests.items() if now.get(file, digest) != digest]
     if changed:
         text = f"{' and '.join(changed)} changed since the run in {folder} started. Restore the "
         raise refusal("--resume", f"{text}earlier content, or start a new run (omit --resume).")

@@ -69,7 +69,8 @@ class SeedTables:
             for name in [shown[0], *(name for name in shown[1:] if name not in MEASURES)]:
                 yield self._grid(name)
         else:
-            yield self._list(shown)
+            title = f"Measures{_over_seeds(self._of(shown[0])[0])}"
+            yield self._cut(title, shown, [self._texts(name) for name in shown])
         if self.means["extreme"].notna().any():
             yield self._extremes()
 
@@ -107,10 +108,6 @@ class SeedTables:
         title = f"{head_of(name, unit)}{_over_seeds(found)}"
         heads = [" | ".join(_key_heads(self.keys)), *heads]
         return new_table(title, heads, rows, box=box.SIMPLE, pad_edge=False)
-
-    def _list(self, names: list[str]) -> Table:
-        title = f"Measures{_over_seeds(self._of(names[0])[0])}"
-        return self._cut(title, names, [self._texts(name) for name in names])
 
     def _extremes(self) -> Table:
         known = self.means[self.means["extreme"].notna()]

@@ -1,5 +1,6 @@
 """Tuning of a controller: a search, and its table of margins and errors."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +22,8 @@ def tune_controller(
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
     tunable_numbers(text.scenario)
     names = SearchNames("a tuning", TUNING, "tune", "tuned", "Continue from tuned.toml")
-    return search_and_save(
-        text,
-        folder,
-        names,
-        lambda: Tuning(text.scenario, seeds, iterations, margin),
-        _more,
-        force=force,
-    )
+    search = partial(Tuning, text.scenario, seeds, iterations, margin)
+    return search_and_save(text, folder, names, search, _more, force=force)
 
 
 def _more(search: Tuning, data: xr.Dataset) -> More:

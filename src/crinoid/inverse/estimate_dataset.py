@@ -62,32 +62,15 @@ def estimate_dataset(
             full = f"estimated_{name}{ending}"
             variables[full] = quantity(full, np.asarray(values), axes)
     by_reading = "time reading"
-    variables |= described(
-        [
-            ("sensor_reading", by_reading, "", measured, "new readings; nan without one"),
-            (
-                "innovation",
-                by_reading,
-                "",
-                filtered.innovation,
-                "new readings less those expected; nan without a new one",
-            ),
-            (
-                "innovation_std",
-                by_reading,
-                "",
-                filtered.innovation_std,
-                "standard deviation of innovation",
-            ),
-            (
-                "normalised_innovation_squared",
-                "time",
-                "1",
-                filtered.squared,
-                "squares of the innovations over their covariance, summed over the new readings",
-            ),
-        ]
-    )
+    variables |= described([
+        ("sensor_reading", by_reading, "", measured, "new readings; nan without one"),
+        ("innovation", by_reading, "", filtered.innovation,
+         "new readings less those expected; nan without a new one"),
+        ("innovation_std", by_reading, "", filtered.innovation_std,
+         "standard deviation of innovation"),
+        ("normalised_innovation_squared", "time", "1", filtered.squared,
+         "squares of the innovations over their covariance, summed over the new readings"),
+    ])  # fmt: skip
     names = [
         (f"{sensor.name}.{name}", unit)
         for sensor in plan.sensors
@@ -95,16 +78,14 @@ def estimate_dataset(
     ]
     lengths = np.concatenate([np.zeros(1), np.cumsum(plan.system.reference.rest_length)])
     along = "distance from the root along the arm at rest"
-    coordinates = described(
-        [
-            ("time", "time", "s", time, "time"),
-            ("axis", "axis", "", list(AXES[axes]), ""),
-            ("arc_length", "node", "m", lengths, along),
-            ("reading", "reading", "", [name for name, _ in names], "sensor and value"),
-            ("reading_unit", "reading", "", [unit for _, unit in names], "unit of readings"),
-        ]
-    )
-    return xr.Dataset(variables, coordinates)
+    coordinates = [
+        ("time", "time", "s", time, "time"),
+        ("axis", "axis", "", list(AXES[axes]), ""),
+        ("arc_length", "node", "m", lengths, along),
+        ("reading", "reading", "", [name for name, _ in names], "sensor and value"),
+        ("reading_unit", "reading", "", [unit for _, unit in names], "unit of readings"),
+    ]
+    return xr.Dataset(variables, described(coordinates))
 
 
 def consistency(filtered: Filtered) -> dict[str, Any]:

@@ -102,9 +102,8 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     found = _outputs(plan, outputs, filtered, numbers, time)
     data = estimate_dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
     notes = [*prepared.notes(), *record.notes, *_notes_on_inputs(plan, record, inputs)]
-    data.attrs = (
-        describe(scenario) | {"status": "ok", "notes": "\n".join(notes)} | consistency(filtered)
-    )
+    about = {"status": "ok", "notes": "\n".join(notes)}
+    data.attrs = describe(scenario) | about | consistency(filtered)
     return data
 
 
@@ -228,13 +227,8 @@ def _filtered(
             innovation[tick, new], spread[tick, new] = surprise, np.sqrt(np.diag(step.innovation))
             squared[tick] = surprise @ np.linalg.solve(step.innovation, surprise)
         states.append(state)
-        deviations.append(
-            (
-                outputs.tip.std_of(covariance),
-                outputs.position.std_of(covariance),
-                current.spread_of(covariance),
-            )
-        )
+        spans = (each.std_of(covariance) for each in (outputs.tip, outputs.position))
+        deviations.append((*spans, current.spread_of(covariance)))
     tip, position, flow = (np.stack(each) for each in zip(*deviations, strict=True))
     return Filtered(np.stack(states), (tip, position, flow), innovation, spread, squared)
 

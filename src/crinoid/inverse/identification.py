@@ -275,7 +275,9 @@ class Identification:
         determined = [key not in self.undetermined() for key in self.unknowns.keys]
         with np.errstate(invalid="ignore"):
             correlation = covariance / np.outer(deviation, deviation)
-
+        measured = _table([each.measured for each in experiments])
+        runs = (self.before.runs, self.found.runs)
+        before, computed = (_table([run.computed for run in each]) for each in runs)
         rows = [
             ("given", "parameter", "", given, ""),
             ("found", "parameter", "", found, "best fit"),
@@ -286,15 +288,9 @@ class Identification:
             ("correlation", "parameter other", "", correlation, ""),
             ("scatter", "quantity", "", scatter, "standard deviation about the fit"),
             ("remembered", "quantity", "s", self.correlation[0], "integral time of the residual"),
-            ("measured", "time quantity", "", _table([e.measured for e in experiments]), ""),
-            ("computed", "time quantity", "", _table([r.computed for r in self.found.runs]), ""),
-            (
-                "computed_before",
-                "time quantity",
-                "",
-                _table([r.computed for r in self.before.runs]),
-                "",
-            ),
+            ("measured", "time quantity", "", measured, ""),
+            ("computed", "time quantity", "", computed, ""),
+            ("computed_before", "time quantity", "", before, ""),
             ("set_aside", "time", "", aside, "whether a row counts as a lost marker"),
         ]
         return xr.Dataset(

@@ -174,7 +174,5 @@ def _under(numbers: Numbers, holds: Holds, shares: Float[np.ndarray, " thread"])
     held = threads.shares.at[..., which, :].set(jnp.asarray(shares)[:, None])
     changed = held, threads.constant.at[..., which].set(0.0)
     return eqx.tree_at(
-        lambda each: (each[0].actuator[0].shares, each[0].actuator[0].constant),
-        numbers,
-        changed,
+        lambda each: (each[0].actuator[0].shares, each[0].actuator[0].constant), numbers, changed
     )

@@ -20,8 +20,6 @@ from crinoid.results.dataset import described
 from crinoid.scenario import Scenario, ScenarioError, got, refusal
 from crinoid.scenario.controller import ModelBased
 
-__all__ = ["Tuning", "tunable_numbers"]
-
 _FACTORS = (1.0, 2.0, 16.0, 0.25)
 """Factors on the numbers of the scenario, one for each start."""
 _MOST = 1e3

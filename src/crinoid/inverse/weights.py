@@ -87,15 +87,13 @@ class RecordWeights:
         """
         times, factors = [np.zeros(self.scatter.size)], [np.ones(self.scatter.size)]
         for rows in [] if self._holds else self.experiment.tracks:
-            residual, interval = run.residual[rows][self.used[rows]], self._interval(rows)
+            residual = run.residual[rows][self.used[rows]]
+            interval = float(np.median(np.diff(self.experiment.time[rows])))
             if len(residual) > 2 and np.ptp(residual, axis=0).all():
                 times.append(np.array([integral_time(each, interval) for each in residual.T]))
                 factors.append(np.maximum(1.0, 2 * times[-1] / interval))
         first = 1 if len(times) > 1 else 0
         return np.mean(times[first:], axis=0), np.mean(factors[first:], axis=0)
-
-    def _interval(self, rows: Rows) -> float:
-        return float(np.median(np.diff(self.experiment.time[rows])))
 
     def _explained(self, run: RecordComparison) -> Bool[np.ndarray, " time"]:
         """Return the rows without lost markers (F. R. Hampel 1974).

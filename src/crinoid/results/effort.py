@@ -1,4 +1,4 @@
-"""Effort of a run: motion of the inputs and work, from the time that counts; thrust."""
+"""Effort of a run: motion of the inputs and work, from the time that counts; pressure, thrust."""
 
 from __future__ import annotations
 
@@ -170,6 +170,24 @@ def spent_work(result: Result) -> float:
     if not work.size:
         return float("nan")
     return float(np.sum(np.maximum(np.diff(work), 0.0)))
+
+
+def largest_pressure(result: Result) -> float | None:
+    """Return the largest pressure in a chamber over the saved instants (Pa); None without any.
+
+    Shares give it where the pressure is set, and ``line_load`` where the volume is.
+    """
+    data, chambers = result.dataset, result.scenario.chamber
+    names = result.scenario.thread_names[: len(chambers)]
+    found = [
+        chamber.max_pressure * np.abs(data["actuator_state"].sel(input=name).values).max()
+        for chamber, name in zip(chambers, names, strict=True)
+        if not chamber.lined
+    ]
+    if "line_load" in data:
+        fluid = data["line_unit"].values == "Pa"
+        found += [load.max() for load in data["line_load"].values[:, fluid].T]
+    return float(max(found)) if found else None
 
 
 def vehicle_use(result: Result) -> VehicleUse | None:

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.results.result import Result
@@ -83,20 +84,25 @@ def uncontrolled_error(result: Result) -> TipError | None:
 
 def angle_error(result: Result) -> TipError | None:
     """Return the errors of the tip's direction (rad); None in a result without its target."""
-    data, counted = result.dataset, judged(result)
-    if not {"tip_direction_target", "tip_angle_target"} & set(data):
+    data, counted, error = result.dataset, judged(result), off_direction(result.dataset)
+    if error is None:
         return None
     if not counted.any():
         return _UNKNOWN
     if "tip_direction" in data:
         direction = data["tip_direction"].values
-        error = angle_between(direction, data["tip_direction_target"].values)
-        wander = angle_between(direction, direction[counted].mean(axis=0))
-    else:
-        angle = data["tip_angle"].values
-        error = np.abs(short_way(angle - data["tip_angle_target"].values))
-        wander = np.abs(angle - angle[counted].mean())
-    return _sum_up(result, error, wander)
+        return _sum_up(result, error, angle_between(direction, direction[counted].mean(axis=0)))
+    angle = data["tip_angle"].values
+    return _sum_up(result, error, np.abs(angle - angle[counted].mean()))
+
+
+def off_direction(data: xr.Dataset) -> Float[np.ndarray, " time"] | None:
+    """Return the angle (rad) between the tip's direction and its target; None without one."""
+    if {"tip_direction", "tip_direction_target"} <= set(data):
+        return angle_between(data["tip_direction"].values, data["tip_direction_target"].values)
+    if {"tip_angle", "tip_angle_target"} <= set(data):
+        return np.abs(short_way(data["tip_angle"].values - data["tip_angle_target"].values))
+    return None
 
 
 def angle_between(

@@ -105,22 +105,17 @@ class BendingCycles(NamedTuple):
 
 def base_force(result: Result) -> BaseLoad:
     """Return the force of the arm on its base, by its magnitude."""
-    return _base_load(magnitude(result.dataset["base_force"]))
+    return _base_load(result.dataset["base_force"].values)
 
 
 def base_moment(result: Result) -> BaseLoad:
     """Return the moment of the arm on its base, by its magnitude."""
-    return _base_load(magnitude(result.dataset["base_moment"]))
+    return _base_load(result.dataset["base_moment"].values)
 
 
-def _base_load(size: Float[np.ndarray, " time"]) -> BaseLoad:
+def _base_load(load: Float[np.ndarray, "time ..."]) -> BaseLoad:
+    size = np.linalg.norm(load, axis=1) if load.ndim == 2 else np.abs(load)
     return BaseLoad(float(size.max()), rms(size), p95(size))
-
-
-def magnitude(load: xr.DataArray) -> Float[np.ndarray, " time"]:
-    """Return the magnitude of a load over time."""
-    values = load.values
-    return np.asarray(np.linalg.norm(values, axis=1) if values.ndim == 2 else np.abs(values))
 
 
 def contact(result: Result) -> ContactExtremes | None:
@@ -149,18 +144,15 @@ def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
     names = [f"{part}_force", f"{part}_gap"]
     if not set(names) <= set(data):
         return None
-    forces, gaps = zip(
-        *(
-            (np.linalg.norm(piece[names[0]].values, axis=2).sum(axis=1), piece[names[1]].values)
-            for piece in pieces(data, names)
-        ),
-        strict=True,
-    )
+    forces, gaps = [], []
+    for piece in pieces(data, names):
+        forces.append(np.linalg.norm(piece[names[0]].values, axis=2).sum(axis=1))
+        gaps.append(piece[names[1]].values.min(axis=1))
     # a force between two edges is in the rows of both
     force = np.concatenate(forces) * (0.5 if part == "self" else 1.0)
     held = (force[1:] > 0.0) & (force[:-1] > 0.0)
     lasted = float(np.diff(data["time"].values)[held].sum())
-    return ContactSeries(force, np.concatenate([gap.min(axis=1) for gap in gaps]), held, lasted)
+    return ContactSeries(force, np.concatenate(gaps), held, lasted)
 
 
 def largest_curvature(result: Result) -> Peak | None:

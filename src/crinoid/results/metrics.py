@@ -202,7 +202,7 @@ MEASURES = {
         "effort:vehicle_use.limit_share"),
     "max_pressure": Measure(
         "Pa", "largest pressure", "largest pressure in a chamber",
-        "pressure:largest_pressure", "smooth:max_pressure"),
+        "effort:largest_pressure", "smooth:max_pressure"),
 }
 # fmt: on
 """The registry of measures, by their names in tables and files.

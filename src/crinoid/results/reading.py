@@ -11,7 +11,7 @@ from crinoid.foundation.axes import AXES
 from crinoid.results.chunks import pieces
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import UNCONTROLLED, Result
-from crinoid.results.scene.data import LARGEST, check_obstacles, shaped
+from crinoid.results.scene.data import LARGEST, find_obstacles, shaped
 from crinoid.results.stream import open_lazily
 
 # required of a result; without any other variable a figure omits its panel
@@ -106,7 +106,12 @@ def _fault(data: xr.Dataset, required: Mapping[str, tuple[str, ...]]) -> str:
 def checked_result(path: Path, *, lazily: bool = False) -> Result:
     """Read the file of a result whose obstacles can be drawn."""
     result = Result(read_result(path, lazily=lazily))
-    check_obstacles(result, path)
+    try:
+        find_obstacles(result)
+    except (LookupError, ValueError) as error:
+        reason = result.readable[1] or str(error).partition("\n")[0]
+        text = f"its scenario does not describe its obstacles ({reason})"
+        raise ReportError(f"{path}: not a crinoid result, {text}") from error
     return result
 
 

@@ -107,13 +107,10 @@ def signals(
         return found
     if lines is not None and kept.line is not None:
         wound = [others[drive].name for drive in lines.drives]
-        sides = ["_opposite" * (name in wound[:index]) for index, name in enumerate(wound)]
+        names = [name + "_opposite" * (name in wound[:at]) for at, name in enumerate(wound)]
+        about = {"long_name": "tendon of given length or chamber of given volume"}
         found.variables["line_load"] = _signal("line_load", kept.line)
-        found.coordinates["line"] = (
-            "line",
-            [name + side for name, side in zip(wound, sides, strict=True)],
-            {"long_name": "tendon of given length or chamber of given volume"},
-        )
+        found.coordinates["line"] = "line", names, about
         units = ["Pa" if fluid else "N" for fluid in lines.fluid]
         found.coordinates["line_unit"] = "line", units, {"long_name": "unit of line_load"}
     found.variables["actuator_command"] = _signal("actuator_command", kept.drive_command)

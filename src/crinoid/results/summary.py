@@ -94,10 +94,8 @@ def _of_run(result: Result) -> Iterator[tuple[str, SummaryEntry]]:
     yield from _inputs(result)
     use = zip(*(solver_use(run.result) for run in runs), strict=True)
     simulated, steps, iterations, wall = use
-    yield (
-        "judged_from",
-        SummaryEntry("s", "time from which errors count", result.scenario.judged_from),
-    )
+    judged = result.scenario.judged_from
+    yield "judged_from", SummaryEntry("s", "time from which errors count", judged)
     yield "simulated_time", SummaryEntry("s", "time that was simulated", *simulated)
     yield "time_steps", SummaryEntry("1", "number of time steps", *steps)
     yield "newton_iterations", SummaryEntry("1", "Newton iterations a step", *iterations)
@@ -133,10 +131,8 @@ def _at_rest(result: Result) -> Iterator[tuple[str, SummaryEntry]]:
                 yield f"{name}_{axis}", SummaryEntry(unit, f"{meaning}, {axis}", float(value))
         else:
             yield name, SummaryEntry(unit, meaning, float(values))
-    yield (
-        "tip_angle",
-        SummaryEntry("rad", data["tip_angle"].attrs["long_name"], float(data["tip_angle"][0])),
-    )
+    angle = data["tip_angle"]
+    yield "tip_angle", SummaryEntry("rad", angle.attrs["long_name"], float(angle[0]))
     if "tension" in data:
         tension = float(data["tension"].max())
         yield "max_tension", SummaryEntry("N", "largest axial force in the arm", tension)

@@ -33,17 +33,8 @@ _ROUND_OFF = 1e-3
 """Part of that below which a number is round-off, and is written as 0."""
 _STILL = 1e-9
 """Motion of an input (m, rad or its unit) that is round-off."""
-_ERRORS = {
-    "RMS": "rms",
-    "maximum": "maximum",
-    "P95": "p95",
-    "last tenth": "steady",
-}
-_LOADS = {
-    "max": "largest {} on {}",
-    "rms": "{} on {}, RMS",
-    "p95": "{} on {}, P95",
-}
+_ERRORS = {"RMS": "rms", "maximum": "maximum", "P95": "p95", "last tenth": "steady"}
+_LOADS = {"max": "largest {} on {}", "rms": "{} on {}, RMS", "p95": "{} on {}, P95"}
 SHARE = Unit(100.0, "%")
 _SELDOM = 1e-3  # share of the time at a limit that is not worth a row
 
@@ -99,12 +90,7 @@ class _Table(NamedTuple):
         self.add(words, self.measure(name), unit, nothing=nothing)
 
     def add(
-        self,
-        name: str,
-        values: Sequence[float | None],
-        unit: Unit,
-        *,
-        nothing: float = math.inf,
+        self, name: str, values: Sequence[float | None], unit: Unit, *, nothing: float = math.inf
     ) -> None:
         """Add values, in SI, and their ratio where there is more than ``nothing`` to compare."""
         if values[0] is None:
@@ -243,7 +229,6 @@ def equilibrium_summary(result: Result) -> RunSummary:
         rows.append([*row])
 
     axes = [str(axis) for axis in dataset["axis"].values]
-
     length = float(dataset["arc_length"].values[-1])
 
     def number(value: float, scale: float, digits: int = 4) -> str:

@@ -206,16 +206,11 @@ class ControllerComparison:
         if self.has_runs:
             unknown = [name for name in registry if not np.isfinite(data[name]).any()]
             data = data.drop_vars(unknown)
-        data["tick_time"] = (
-            "controller",
-            self.controller_cpu_time,
-            {"units": "s", "long_name": "time of a command", "comment": _TICK},
-        )
-        data["controller_scenario"] = (
-            "controller",
-            np.array([case.to_toml() for case in self._firsts], object),
-            {"long_name": "scenario as run with the first seed"},
-        )
+        about = {"units": "s", "long_name": "time of a command", "comment": _TICK}
+        data["tick_time"] = "controller", self.controller_cpu_time, about
+        texts = np.array([case.to_toml() for case in self._firsts], object)
+        about = {"long_name": "scenario as run with the first seed"}
+        data["controller_scenario"] = "controller", texts, about
         return data.assign_coords(
             controller=("controller", self.kinds, {"long_name": "kind of controller"}),
             seed=(SEED, self.seeds, {"long_name": "seed of everything random"}),

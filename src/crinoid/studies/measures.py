@@ -83,10 +83,8 @@ def measures_dataset(
     found["effort"] = (*over, along), effort, about
     found["status"] = over, status, {"long_name": "ok, or what went wrong and when"}
     inputs, units = np.array(list(unit), object), np.array(list(unit.values()), object)
-    return xr.Dataset(
-        found,
-        {
-            along: (along, inputs, {"long_name": "input that can move"}),
-            f"{along}_unit": (along, units, {"long_name": "unit of effort"}),
-        },
-    )
+    coords = {
+        along: (along, inputs, {"long_name": "input that can move"}),
+        f"{along}_unit": (along, units, {"long_name": "unit of effort"}),
+    }
+    return xr.Dataset(found, coords)

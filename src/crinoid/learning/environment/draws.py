@@ -15,7 +15,7 @@ from crinoid.assembly.neural import Observables
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.learning.environment.episode import EpisodeParameters
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
+from crinoid.scenario import Scenario, ScenarioError, one_of, refusal
 from crinoid.scenario.errors import got
 from crinoid.simulation.batch import on_processor
 from crinoid.simulation.conclusion import start_failure
@@ -150,7 +150,7 @@ class EpisodeSampler:
             if changes:
                 break
         hint = "Make another environment with this value in its scenario."
-        _wrong(key, got(value, f"not change {changed}", hint))
+        raise refusal(key, got(value, f"not change {changed}", hint))
 
 
 def _limits(scenario: Scenario) -> Any:
@@ -161,16 +161,16 @@ def _check_options(options: Mapping[str, Any] | None) -> dict[str, Mapping[str, 
     given = {"set": {}, "draw": {}} | dict(options or {})
     for name, values in given.items():
         if name not in OPTIONS:
-            _wrong(f"options: {name}", f"unknown; must be {one_of(OPTIONS)}")
+            raise refusal(f"options: {name}", f"unknown; must be {one_of(OPTIONS)}")
         if not isinstance(values, Mapping):
-            _wrong(f"options: {name}", got(values, "be a dictionary of dotted keys"))
+            raise refusal(f"options: {name}", got(values, "be a dictionary of dotted keys"))
     return given
 
 
 def _check_ranges(where: str, ranges: Any) -> dict[str, tuple[float, float]]:
     """Return ranges by key, as numbers."""
     if not isinstance(ranges or {}, Mapping):
-        _wrong(where, got(ranges, "be a dictionary of dotted keys and ranges"))
+        raise refusal(where, got(ranges, "be a dictionary of dotted keys and ranges"))
     found = {}
     for key, pair in (ranges or {}).items():
         try:
@@ -179,13 +179,9 @@ def _check_ranges(where: str, ranges: Any) -> dict[str, tuple[float, float]]:
         except (TypeError, ValueError):
             fine = False
         if not fine:
-            _wrong(f"{where}: {key}", got(pair, "be two numbers, the smaller one first"))
+            raise refusal(f"{where}: {key}", got(pair, "be two numbers, the smaller one first"))
         found[str(key)] = low, high
     return found
-
-
-def _wrong(key: str, text: str) -> NoReturn:
-    raise ScenarioError([Mistake(key, text)])
 
 
 class NamedBoxes:

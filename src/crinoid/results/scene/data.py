@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
-from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
 from crinoid.scenario.obstacle import ENDLESS, Capsule, Cylinder, Plane, Sphere
 from crinoid.scenario.obstacle import Obstacle as Described
@@ -35,9 +35,14 @@ def is_spatial(dataset: xr.Dataset) -> bool:
 
 def in_space(dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape axis=3"]:
     """Values of a vector variable, the axis last; y is zero in the plane."""
-    vector = np.asarray(dataset[name].transpose(..., "axis").values, dtype=float)
-    whole = np.zeros((*vector.shape[:-1], 3))
-    whole[..., [AXES[3].index(str(label)) for label in dataset["axis"].values]] = vector
+    return in_three(dataset[name].transpose(..., "axis").values)
+
+
+def in_three(vectors: ArrayLike) -> Float[np.ndarray, "*shape axis=3"]:
+    """Vectors along all three axes; those of a planar arm have y = 0."""
+    given = np.asarray(vectors, float)
+    whole = np.zeros((*given.shape[:-1], 3))
+    whole[..., [AXES[3].index(axis) for axis in AXES[given.shape[-1]]]] = given
     return whole
 
 
@@ -234,13 +239,3 @@ def _solid(data: xr.Dataset, index: int) -> SolidShape | None:
     corners, facets = np.unique(data["surface_facet"].values[own], return_inverse=True)
     points = data["surface_point"].values[corners].astype(float)
     return SolidShape(points, facets.reshape(-1, 3))
-
-
-def check_obstacles(result: Result, path: object) -> None:
-    """Refuse a result of a path whose obstacles cannot be drawn."""
-    try:
-        find_obstacles(result)
-    except (LookupError, ValueError) as error:
-        reason = result.readable[1] or str(error).partition("\n")[0]
-        text = f"its scenario does not describe its obstacles ({reason})"
-        raise ReportError(f"{path}: not a crinoid result, {text}") from error

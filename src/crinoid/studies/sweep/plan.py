@@ -174,9 +174,8 @@ class SweepDesign(Design):
         found, firsts, stride = set[int](), np.ones(1, int), 1
         for name, levels in reversed([*self.axes.items()]):
             if name == _SAMPLE:
-                places = np.concatenate(
-                    (self._samples.argmin(axis=0), self._samples.argmax(axis=0))
-                )
+                samples = self._samples
+                places = np.concatenate((samples.argmin(axis=0), samples.argmax(axis=0)))
             else:
                 places = np.linspace(0, levels.count - 1, min(most, levels.count)).astype(int)
             found.update(int(place) * stride + 1 for place in places)

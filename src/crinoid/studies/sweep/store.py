@@ -53,9 +53,8 @@ def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
     )
     found = plan.coordinates() | {"run": _numbered(table.index.to_numpy())}
     ordered = {name: found[name] for name in dict.fromkeys((*plan.keys, "run", SEED))}
-    return data.assign_coords(ordered).assign_attrs(
-        describe(plan.scenario) | {"plan": plan.to_toml()}
-    )
+    about = describe(plan.scenario) | {"plan": plan.to_toml()}
+    return data.assign_coords(ordered).assign_attrs(about)
 
 
 _BATCHES = "batches"

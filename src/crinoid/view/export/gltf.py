@@ -85,10 +85,8 @@ class GltfDocument:
 
     def __init__(self, time: Float[np.ndarray, " time"], extras: Mapping[str, str]) -> None:
         self._gltf, self._bytes = pygltflib.GLTF2(), bytearray()
-        version = extras["crinoid_version"]
-        self._gltf.asset = pygltflib.Asset(
-            generator=f"crinoid {version}".strip(), extras=dict(extras)
-        )
+        program = f"crinoid {extras['crinoid_version']}".strip()
+        self._gltf.asset = pygltflib.Asset(generator=program, extras=dict(extras))
         self._gltf.scenes, self._gltf.scene = [pygltflib.Scene(nodes=[], name="run")], 0
         self._animation = pygltflib.Animation(name="run", channels=[], samplers=[])
         self._time: int | None = None

@@ -85,28 +85,16 @@ def _poses(data: xr.Dataset, run: Keyframes, stamps: Stamps, turn: Rotations) ->
         # a load is drawn at the origin of its frame and along the axes of that
         given = in_space(data, "base_force"), _moment(data)
         force, moment = (np.einsum("tji,tj->ti", base, vector) for vector in given)
-        found.append(
-            _stamped(
-                stamps,
-                "/base/wrench",
-                "Wrench",
-                BASE,
-                lambda row: {"force": _vector(force[row]), "torque": _vector(moment[row])},
-            )
-        )
+
+        def wrench(row: int) -> Message:
+            return {"force": _vector(force[row]), "torque": _vector(moment[row])}
+
+        found.append(_stamped(stamps, "/base/wrench", "Wrench", BASE, wrench))
     if "/tip/current" in there:
         current = in_space(data, "flow_velocity")
         for end, name in enumerate((BASE, TIP)):
-            of_end = current[:, end]
-            found.append(
-                _stamped(
-                    stamps,
-                    f"/{name}/current",
-                    "Vector3",
-                    WORLD,
-                    lambda row, of_end=of_end: _vector(of_end[row]),
-                )
-            )
+            of_end = _vector_of(current[:, end])
+            found.append(_stamped(stamps, f"/{name}/current", "Vector3", WORLD, of_end))
     return found
 
 
@@ -291,6 +279,10 @@ def _frames(stamps: Stamps, frames: dict[str, tuple[Places, Rotations]]) -> Mess
 def _pose_of(place: Places, turn: Rotations) -> Callable[[int], Message]:
     turns = quaternions(turn)
     return lambda row: _pose(place[row], turns[row])
+
+
+def _vector_of(vectors: Places) -> Callable[[int], Message]:
+    return lambda row: _vector(vectors[row])
 
 
 def _pose(place: Float[np.ndarray, "axis=3"], turn: Float[np.ndarray, "4"]) -> Message:

@@ -59,13 +59,8 @@ def _add_body(stage: Usd.Stage, codes: Float[np.ndarray, " time"], body: RigidBo
     shape, scale = _shape(stage, path, body.shape), body.scale
     shown = np.asarray(scale.any(axis=1))
     if not shown.all():
-        tokens = UsdGeom.Tokens
-        _animate(
-            shape.CreateVisibilityAttr(),
-            codes,
-            shown,
-            lambda here: tokens.inherited if here else tokens.invisible,
-        )
+        tokens = (UsdGeom.Tokens.invisible, UsdGeom.Tokens.inherited)
+        _animate(shape.CreateVisibilityAttr(), codes, shown, lambda here: tokens[int(here)])
         scale = np.where(shown[:, None], scale, 1.0)
     if body.shape.kind == "ellipsoid":
         scale = scale * [body.shape.half, body.shape.radius, body.shape.radius]

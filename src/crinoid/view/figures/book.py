@@ -24,24 +24,24 @@ from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectru
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.estimate import log_chart
 from crinoid.view.figures.charts.of_run import charts_of
-from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
+from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist, draw_response
 from crinoid.view.figures.curve import draw_curve
-from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.paper import draw_chart
-from crinoid.view.figures.response import draw_response
 from crinoid.view.figures.sea_record import draw_record
-from crinoid.view.figures.searches import (
-    draw_identification,
-    draw_optimisation,
-    draw_training,
-)
+from crinoid.view.figures.searches import draw_identification, draw_optimisation, draw_training
 from crinoid.view.figures.seed_means import draw_means, means_keys
-from crinoid.view.figures.shape import draw_bending, draw_close_up, draw_shape
+from crinoid.view.figures.shape import (
+    draw_bending,
+    draw_close_up,
+    draw_cycles,
+    draw_shape,
+    has_cycles,
+)
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.study import read_cases, study_of
 from crinoid.view.figures.style import STYLE
 from crinoid.view.page.parts import PAGE
-from crinoid.view.page.study import registry_of, title_of, write_study
+from crinoid.view.page.study import about_study, write_study
 from crinoid.view.page.write import write_run
 from crinoid.view.refusals import require_figures, require_path
 
@@ -87,11 +87,7 @@ _FINDINGS = {
             "flow_spectrum": ("frequency", "place", "axis"),
             **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
         },
-        {
-            "flow.png": series_chart,
-            "spectrum.png": draw_spectrum,
-            "profile.png": draw_profile,
-        },
+        {"flow.png": series_chart, "spectrum.png": draw_spectrum, "profile.png": draw_profile},
     ),
     RECORD: _Finding(
         "a record",
@@ -246,10 +242,10 @@ def _write_study(folder: Path, out: Path, form: str) -> list[Path]:
 def write_means_figure(folder: Path, out: Path, form: str = "png") -> list[Path]:
     """Draw the means over seeds of the study in a folder, if there are any over one or two keys."""
     cases = read_cases(folder / CASES)
-    study = study_of(cases, registry_of(folder, cases))
+    _, title, registry = about_study(folder, cases)
+    study = study_of(cases, registry)
     if not means_keys(study):
         return []
-    title = title_of(folder, cases)
     return [_save(lambda: draw_means(study, title), out / f"means.{form}", folder / CASES)]
 
 

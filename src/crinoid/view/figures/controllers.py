@@ -1,4 +1,4 @@
-"""Figures of controllers: a comparison of errors and efforts, Bode and Nyquist plots."""
+"""Figures of controllers and of linear models: a comparison, Bode and Nyquist plots, responses."""
 
 import math
 from typing import Any
@@ -18,7 +18,8 @@ from crinoid.studies.comparison import best_controller, compared_measures
 from crinoid.studies.statistics import row_means
 from crinoid.view.figures import style
 
-_COLUMNS = 3
+_COLUMNS, _OF_RESPONSES = 3, 2
+"""Panels side by side: of a comparison, and of responses."""
 _DRAWN = ("rms_error", "max_error", "within_tolerance", "rms_angle_error", "work", "max_base_force")
 """Measures that a figure shows, besides those of packages."""
 _WIDE = (8.0, 1e4)
@@ -215,3 +216,35 @@ def _arrow(axes: Axes, curve: Complex[np.ndarray, " frequency"], colour: str) ->
         tip, tail = curve[at] + 0.12 * ahead / abs(ahead), curve[at]
         look = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.0}
         axes.annotate("", (tip.real, tip.imag), (tail.real, tail.imag), arrowprops=look)
+
+
+_UNSEEN = 1e-4  # size of a response, over the largest of its input, below which it is not drawn
+
+
+def draw_response(data: xr.Dataset) -> Figure:
+    """Draw the size of the response of the tip's coordinates to commands and current."""
+    response = (data["response_real"] ** 2 + data["response_imaginary"] ** 2) ** 0.5
+    names = [str(name) for name in data["input"].values if "acceleration" not in str(name)]
+    rows = math.ceil(len(names) / _OF_RESPONSES)
+    figure = Figure(figsize=(style.WIDTH, 0.6 + 2.3 * rows), layout="constrained")
+    style.head(figure, str(data.attrs.get("title", "")), "ok")
+    grid = list(figure.subplots(rows, _OF_RESPONSES, sharex=True, squeeze=False).flat)
+    frequency = data["frequency"].values
+    for axes, name in zip(grid, names, strict=False):
+        sizes = response.sel(input=name)
+        most = float(sizes.max())
+        for output in data["output"].values:
+            size = sizes.sel(output=output).values
+            if size.max() > _UNSEEN * most:
+                colour = style.AXIS_COLOURS[str(output).removeprefix("tip_")]
+                axes.plot(frequency, size, color=colour, label=str(output))
+        unit = str(sizes["input_unit"].values).replace(" s-1", "/s")
+        per = "m" if unit == "1" else f"m per {unit}"
+        axes.set(xscale="log", yscale="log", xlim=frequency[[0, -1]], ylabel=f"{name}\n({per})")
+        if most > 0:
+            axes.set_ylim(_UNSEEN * most, 2 * most)
+        style.key(axes)
+    for axes in grid[len(names) :]:
+        axes.set_axis_off()
+    figure.supxlabel("frequency (Hz)")
+    return figure

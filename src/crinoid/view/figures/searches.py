@@ -30,14 +30,8 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
             for number in np.unique(start):
                 colour = SERIES[int(number) % len(SERIES)] if len(np.unique(start)) < 8 else BLUE
                 for some, face in ((start == number, "none"), ((start == number) & kept, colour)):
-                    axes.plot(
-                        *(tried[some], shown[column, some]),
-                        "o",
-                        color=colour,
-                        mfc=face,
-                        ms=3,
-                        alpha=0.7,
-                    )
+                    look = {"color": colour, "mfc": face, "ms": 3, "alpha": 0.7}
+                    axes.plot(tried[some], shown[column, some], "o", **look)
             axes.axvline(float(data["given"][row]), color=GREY, linestyle=":")
             axes.axvline(float(data["best"][row]), color=INK, linestyle="--", linewidth=1.0)
             if column:

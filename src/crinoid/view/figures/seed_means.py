@@ -91,17 +91,10 @@ def _draw_grid(axes: Axes, measure: StudyMeasure, across: Key, up: Key) -> None:
     middle = np.nanmean([np.nanmin(values), np.nanmax(values)])
     if shape[1] <= 5 and shape[0] <= 10:
         texts = iter(means.texts(measure.unit))
+        look: Any = {"ha": "center", "va": "center", "fontsize": 7.5 if shape[1] <= 3 else 6.0}
         for (row, column), value in np.ndenumerate(values):
-            dark = not value > middle
-            axes.text(
-                column + 0.5,
-                row + 0.5,
-                next(texts),
-                ha="center",
-                va="center",
-                fontsize=7.5 if shape[1] <= 3 else 6.0,
-                color="white" if dark else style.INK,
-            )
+            ink = style.INK if value > middle else "white"
+            axes.text(column + 0.5, row + 0.5, next(texts), color=ink, **look)
     else:
         axes.figure.colorbar(mesh, ax=axes)
     for key, axis in ((across, axes.xaxis), (up, axes.yaxis)):

@@ -1,4 +1,4 @@
-"""Shape of the arm over time, its bending and tension, and the path of its tip close up."""
+"""Shape of the arm over time, its bending, cycles and tension, and the path of its tip close up."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from crinoid.results.errors import judged_or_all
+from crinoid.results.loads import BendingCycles, bending_cycles
 from crinoid.results.result import Result
 from crinoid.results.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
 from crinoid.results.scene.mesh import AROUND, arm_facets
@@ -20,9 +21,10 @@ from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, Vie
 from crinoid.results.units import largest, length_unit
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points, points_of
+from crinoid.view.figures.charts.chart import MEMBER_ROLES
 from crinoid.view.figures.charts.spectra import miss, spectrum_panel
 from crinoid.view.figures.painter import Surface
-from crinoid.view.figures.paper import draw_panel
+from crinoid.view.figures.paper import colour, draw_panel
 from crinoid.view.figures.perspective import draw_end
 from crinoid.view.figures.sheet import LEFT, box_around, in_best_frame, measured_from
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current, tool_facets
@@ -125,6 +127,37 @@ def _values(data: xr.Dataset, name: str) -> Float[np.ndarray, "time place"] | No
         bent = "curvature" in data and "bending" in data.coords
         return np.asarray(data["curvature"].sel(bending=name).values) if bent else None
     return np.asarray(data[name].values) if name in data else None
+
+
+def has_cycles(run: Result) -> bool:
+    """Whether the arm bends to and fro."""
+    return any(found.number > 0 for found in _cycles(run).values())
+
+
+def draw_cycles(run: Result) -> Figure:
+    """Draw the cumulative number of cycles over their range, where the range is largest."""
+    figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for (who, found), role in zip(_cycles(run).items(), MEMBER_ROLES, strict=False):
+        if not found.number:
+            continue
+        place = length_unit(run.known_scenario.arm.length).text(found.station)
+        words = f"{found.number:g} cycles {place} from the root, equivalent range "
+        words += f"{found.equivalent_range:.3g} 1/m"
+        ranges, counts = np.append(found.ranges, 0.0), np.cumsum(found.counts)
+        label = ": ".join(part for part in (who, words) if part)
+        axes.stairs(counts[::-1], ranges[::-1], color=colour(role), label=label, baseline=None)
+    axes.set(xlabel="range of curvature (1/m)", ylabel="cycles of at least this range")
+    axes.set_yscale("log")
+    axes.set_xlim(left=0.0)
+    style.key(axes, 1)
+    style.head(figure, run.title, run.status)
+    return figure
+
+
+def _cycles(run: Result) -> dict[str, BendingCycles]:
+    found = {who: bending_cycles(each) for who, each in run.members}
+    return {who: each for who, each in found.items() if each is not None}
 
 
 _MARGIN = 0.04  # around everything, of the larger extent

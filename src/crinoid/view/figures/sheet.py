@@ -33,10 +33,8 @@ def in_best_frame(run: Result) -> tuple[Result, str]:
 def _relative_to_base(data: xr.Dataset) -> xr.Dataset:
     """Return a result with all positions relative to the base."""
     root = data["position"].isel(node=0, drop=True)
-    moved = {
-        name: (data[name] - root).transpose(*data[name].dims) for name in _PLACES if name in data
-    }
-    return data.assign(moved)
+    there = [name for name in _PLACES if name in data]
+    return data.assign({k: (data[k] - root).transpose(*data[k].dims) for k in there})
 
 
 def measured_from(view: View, about: str) -> list[str]:
@@ -63,10 +61,8 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
     line = style.line_share(axes) if current.scale > 0.0 else 0.0
     wide, tall = right - left, (top - bottom) / (1.0 - room - line)
     aside, above = max(0.0, tall * shape - wide), max(0.0, wide / shape - tall)
-    across, up = (
-        (left - aside / 2, right + aside / 2),
-        (bottom - above / 2, bottom + tall + above / 2),
-    )
+    across = left - aside / 2, right + aside / 2
+    up = bottom - above / 2, bottom + tall + above / 2
     if current.scale > 0.0:
         corner = np.array([across[1] - _CORNER * (across[1] - across[0]), top + tall * line / 2])
         draw_key(axes, corner, largest(current.instants), current.scale)

@@ -53,10 +53,8 @@ class FilmPanel:
         unit: float,
     ) -> None:
         self.axes, self.scene, self.camera, self.shading = axes, scene, camera, shading
-        self.view, self._limits = (
-            camera.view,
-            (np.array(axes.get_xlim()), np.array(axes.get_ylim())),
-        )
+        self.view = camera.view
+        self._limits = np.array(axes.get_xlim()), np.array(axes.get_ylim())
         (self.run, self.tone), *self.ghosts = [(scene.members[i], TONES[i]) for i in shown]
         self._bodies = BodySurfaces(scene, _COLOURS, camera.size)
 

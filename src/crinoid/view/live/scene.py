@@ -10,14 +10,14 @@ from scipy.interpolate import CubicSpline
 from crinoid.foundation.axes import CHANNELS
 from crinoid.recording import SolidSurface
 from crinoid.results.scene.bodies import RigidBody, rigid_bodies
-from crinoid.results.scene.data import Obstacle, SolidShape, ToolBall
+from crinoid.results.scene.data import Obstacle, Points, SolidShape, ToolBall
 from crinoid.results.scene.mesh import Mesh, look_rotation, tube, unit_vectors
 from crinoid.results.scene.mount import ArmMount, mount_of
 from crinoid.results.scene.scene import Keyframes, Scene
 from crinoid.scenario import Scenario
 from crinoid.view.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, SKY, VERMILLION
 from crinoid.view.live.interactive import InteractiveBodies
-from crinoid.view.live.session_log import Points, Snapshot
+from crinoid.view.live.session_log import Snapshot
 
 _ARROWS = 7
 _REACH = 0.22  # length of the arrow of the fastest water so far, over the arm's

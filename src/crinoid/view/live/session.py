@@ -259,10 +259,9 @@ class LiveSession(SteppedRun):
         if trouble:
             return trouble
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *self._lately)
-        dataset = dataset_builder(self._controlled.setup._replace(prepared=self.prepared))(
-            whole, None
-        )
-        return step_failure(self.scenario, system, self.state.state, outcome, dataset, None)
+        build = dataset_builder(self._controlled.setup._replace(prepared=self.prepared))
+        data = build(whole, None)
+        return step_failure(self.scenario, system, self.state.state, outcome, data, None)
 
 
 @compiled(**ONCE)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -14,10 +14,10 @@ from jaxtyping import Float
 from crinoid.assembly.prepared import Prepared
 from crinoid.diagnostics.control_loop import loop_notes
 from crinoid.dynamics import Outcome
-from crinoid.foundation.axes import AXES
 from crinoid.results.dataset import chosen
 from crinoid.results.record import Record
 from crinoid.results.result import Result
+from crinoid.results.scene.data import Point, Points, in_three
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder
@@ -25,9 +25,6 @@ from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import Setup
 from crinoid.view.live.adjustable import PULL, AdjustableNumbers, Pull, adjusted_scenario
 from crinoid.view.live.interactive import InteractiveBodies
-
-Point = Float[np.ndarray, "axis=3"]
-Points = Float[np.ndarray, "point axis=3"]
 
 
 class Snapshot(NamedTuple):
@@ -70,14 +67,6 @@ class Snapshot(NamedTuple):
             pose=np.asarray(now.pose),
             vehicle=None if now.vehicle is None else np.asarray(now.vehicle.pose),
         )
-
-
-def in_three(vectors: Any) -> Any:
-    """Return vectors along all three axes; those of a planar arm have y = 0."""
-    given = np.asarray(vectors, float)
-    whole = np.zeros((*given.shape[:-1], 3))
-    whole[..., [AXES[3].index(axis) for axis in AXES[given.shape[-1]]]] = given
-    return whole
 
 
 _MOST_BYTES = 400_000_000
@@ -211,15 +200,9 @@ class SessionLog:
 def _without_last_obstacle(whole: Record, *, free: bool) -> Record:
     """Return a record without debris, with rotations if other obstacles are ``free``."""
     assert whole.gap is not None
-    names = [
-        *("obstacle_position", "obstacle_velocity", "gap", "touch"),
-        *("obstacle_spin", "obstacle_axis"),
-    ]
-    parts: list[Any] = [getattr(whole, name) for name in names]
+    names = ["obstacle_position", "obstacle_velocity", "gap", "touch"]
+    turning = ["obstacle_spin", "obstacle_axis"]
+    parts: dict[str, Any] = {name: getattr(whole, name) for name in names + turning}
     alone = whole.gap.shape[1] == 1
-    rest = [None] * len(parts) if alone else jax.tree.map(lambda x: x[:, :-1], parts)
-    if not free:
-        rest[-2:] = [None, None]
-    return eqx.tree_at(
-        lambda x: [getattr(x, name) for name in names], whole, rest, is_leaf=lambda x: x is None
-    )
+    rest = dict.fromkeys(parts) if alone else jax.tree.map(lambda x: x[:, :-1], parts)
+    return replace(whole, **rest | ({} if free else dict.fromkeys(turning)))

@@ -128,9 +128,8 @@ class Plots:
         ValueError
             If no submarine floats.
         """
-        return self._chart(
-            vehicle_chart, ax, nothing="the base is held, so no submarine floats. Add [vehicle]."
-        )
+        nothing = "the base is held, so no submarine floats. Add [vehicle]."
+        return self._chart(vehicle_chart, ax, nothing=nothing)
 
     def energy(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot stored energies, works, and the defect of their balance: three panels."""
@@ -148,11 +147,8 @@ class Plots:
         ValueError
             If the run has neither obstacles nor ``contact.self``.
         """
-        return self._chart(
-            contact_chart,
-            ax,
-            nothing="the result has no obstacles and no contact.self. Add one of them.",
-        )
+        nothing = "the result has no obstacles and no contact.self. Add one of them."
+        return self._chart(contact_chart, ax, nothing=nothing)
 
     def vortices(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot the frequency of shedding against the arm's own, and the force: two panels.
@@ -162,11 +158,8 @@ class Plots:
         ValueError
             If the water of the run sheds no vortices.
         """
-        return self._chart(
-            vortex_chart,
-            ax,
-            nothing="the water of the run sheds no vortices. Add [water.vortices].",
-        )
+        nothing = "the water of the run sheds no vortices. Add [water.vortices]."
+        return self._chart(vortex_chart, ax, nothing=nothing)
 
     def shape(
         self,

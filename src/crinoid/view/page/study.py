@@ -81,38 +81,34 @@ def write_study(cases: Sequence[Case], source: Path, folder: Path) -> Path:
     there = [is_own(folder / case.directory / parts.PAGE) for case in cases]
     addresses = [f"./{quote(case.directory)}/{parts.PAGE}" for case in cases]
     pages = [each if own else None for each, own in zip(addresses, there, strict=True)]
-    plan, title = _plan_of(source, len(cases)), title_of(source, cases)
-    page = study_page_of(cases, title, pages, plan, registry_of(source, cases))
+    plan, title, registry = about_study(source, cases)
+    page = study_page_of(cases, title, pages, plan, registry)
     return parts.save_page(page, folder / parts.PAGE)
 
 
-def title_of(source: Path, cases: Sequence[Case]) -> str:
-    """Return the title of the study in a folder: that of its scenario, or the folder's name."""
-    plan, name = _plan_of(source, len(cases)), source.resolve().name
-    first = next((case.result for case in cases if case.result is not None), None)
-    title = str(attributes(first).get("title", name)) if first else name
-    return plan.scenario.title if plan is not None else title
+def about_study(
+    source: Path, cases: Sequence[Case]
+) -> tuple[SweepDesign | None, str, dict[str, Measure]]:
+    """Return the design, the title and the measures of the study in a folder.
 
-
-def registry_of(source: Path, cases: Sequence[Case]) -> dict[str, Measure]:
-    """Return the measures of the study in a folder; without those of packages that are missing."""
-    plan = _plan_of(source, len(cases))
-    texts = (attributes(case.result).get("scenario") for case in cases if case.result is not None)
+    The design is that of a sweep with as many runs, if the folder has one. The title is that of
+    the scenario, or the folder's name. Measures of packages that are missing are left out.
+    """
     try:
-        text = next(texts, None) if plan is None else None
-        scenario = Scenario.from_toml(str(text)) if text else plan and plan.scenario
-        return measures_of(scenario) if scenario else MEASURES
-    except ScenarioError:
-        return MEASURES
-
-
-def _plan_of(folder: Path, runs: int) -> SweepDesign | None:
-    """Return the design of a sweep with that number of runs, if the folder contains one."""
-    try:
-        plan = read_plan(folder)
+        plan: SweepDesign | None = read_plan(source)
     except (OSError, ScenarioError):
-        return None
-    return plan if plan.runs == runs else None
+        plan = None
+    if plan is not None and plan.runs != len(cases):
+        plan = None
+    first = next((case.result for case in cases if case.result is not None), None)
+    found = {} if first is None else attributes(first)
+    title = plan.scenario.title if plan else str(found.get("title", source.resolve().name))
+    text = found.get("scenario")
+    try:
+        scenario = plan.scenario if plan else text and Scenario.from_toml(str(text))
+        return plan, title, measures_of(scenario) if scenario else MEASURES
+    except ScenarioError:
+        return plan, title, MEASURES
 
 
 def study_page_of(

@@ -94,9 +94,8 @@ def page_of(run: Result) -> str:
         **texts,
     )
     version = attributes.get("crinoid_version", "")
-    return parts.html_page(
-        body, [parts.bokeh_script(), parts.run_script()], title=run.title, version=version
-    )
+    scripts = [parts.bokeh_script(), parts.run_script()]
+    return parts.html_page(body, scripts, title=run.title, version=version)
 
 
 def _facts(run: Result) -> str:

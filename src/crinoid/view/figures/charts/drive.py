@@ -218,13 +218,15 @@ def _load(run: Result, name: str, word: str, unit: str, tall: float) -> Panel:
     data, label = run.dataset, f"{word} on\n{base_word(run.known_scenario)}"
     if name not in data:
         return Panel(name, label, si_unit(0.0, unit), tall=tall, nothing=f"no {word} recorded")
-    load = data[name]
-    parts: Kinds = {"": load.values}  # a planar moment: about the one axis, positive as tilt
-    if load.ndim > 1:
-        parts = {str(axis): load.sel(axis=axis).values for axis in data["axis"].values}
-    way = "along" if word == "force" else "about"
-    traces = [
-        Trace(f"{word} {way} {axis}" if axis else "", data["time"].values, values, axis or "ink")
-        for axis, values in parts.items()
-    ]
-    return Panel(name, label, si_unit(largest(load.values), unit), tuple(traces), tall=tall)
+    traces = vector_traces(data, name, f"{word} ")
+    return Panel(name, label, si_unit(largest(data[name].values), unit), traces, tall=tall)
+
+
+def vector_traces(data: xr.Dataset, name: str, word: str = "") -> tuple[Trace, ...]:
+    """Return a trace for each axis of a force or a moment, whose names begin with a word."""
+    time, load = data["time"].values, data[name]
+    if load.ndim == 1:  # a planar moment: about the one axis, positive as tilt
+        return (Trace("", time, load.values, "ink"),)
+    way = "along" if name.endswith("force") else "about"
+    axes = map(str, data["axis"].values)
+    return tuple(Trace(f"{word}{way} {a}", time, load.sel(axis=a).values, a) for a in axes)

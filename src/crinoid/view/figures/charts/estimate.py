@@ -4,17 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 
 from crinoid.results.errors import short_way
 from crinoid.results.result import Result
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
-from crinoid.view.figures.charts.chart import Chart, Level, Panel, Trace, rms
+from crinoid.view.figures.charts.chart import Chart, Level, Panel, Series, Trace, rms
 
 _WIDE = 2.0  # standard deviations from the estimate to the edge of the band
 _NAMED = 8  # most readings that have different colours, and names in the key
-
-Series = Float[np.ndarray, " time"]
 
 
 def estimate_chart(run: Result) -> Chart | None:

@@ -1,7 +1,6 @@
 """The charts of a run: which there are, in which order, and as which figures."""
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
 
 from crinoid.results.result import Result
 from crinoid.view.figures.charts.chart import Chart
@@ -13,33 +12,24 @@ from crinoid.view.figures.charts.touch import contact_chart
 from crinoid.view.figures.charts.vehicle import vehicle_chart
 from crinoid.view.figures.charts.vortices import vortex_chart
 
-
-class RunChart(NamedTuple):
-    """A chart of the page of a run, and of a figure."""
-
-    figure: str
-    """Name of the file of its figure; empty for a chart of the page alone."""
-    draw: Callable[[Result], Chart | None]
-    """Returns None for a run that has nothing of it."""
-
-
-CHARTS = (
-    RunChart("tip_error", tip_chart),
-    RunChart("", spectrum_chart),
-    RunChart("commands", drive_chart),
-    RunChart("estimate", estimate_chart),
-    RunChart("loads", load_chart),
-    RunChart("vehicle", vehicle_chart),
-    RunChart("contact", contact_chart),
-    RunChart("vortices", vortex_chart),
-    RunChart("energy", energy_chart),
-    RunChart("", effort_chart),
+_CHARTS: tuple[tuple[str, Callable[[Result], Chart | None]], ...] = (
+    ("tip_error", tip_chart),
+    ("", spectrum_chart),
+    ("commands", drive_chart),
+    ("estimate", estimate_chart),
+    ("loads", load_chart),
+    ("vehicle", vehicle_chart),
+    ("contact", contact_chart),
+    ("vortices", vortex_chart),
+    ("energy", energy_chart),
+    ("", effort_chart),
 )
+"""Names of the files of figures, empty for a chart of the page alone, and what draws them."""
 
 
 def charts_of(run: Result) -> Iterator[tuple[str, Chart]]:
     """Yield the charts of a run with the names of their figures."""
-    for figure, draw in CHARTS:
+    for figure, draw in _CHARTS:
         chart = draw(run)
         if chart is not None:
             yield figure, chart

@@ -47,10 +47,8 @@ def fluctuation_spectrum(
 
 def spectrum_chart(run: Result) -> Chart:
     """Return the chart of the spectral density of the tip's error."""
-    title = (
-        f"{error_word(run.known_scenario).removeprefix('tip ').capitalize()} over frequency (Hz)"
-    )
-    return Chart("spectrum", title, (spectrum_panel(run),))
+    word = error_word(run.known_scenario).removeprefix("tip ").capitalize()
+    return Chart("spectrum", f"{word} over frequency (Hz)", (spectrum_panel(run),))
 
 
 def spectrum_panel(run: Result) -> Panel:

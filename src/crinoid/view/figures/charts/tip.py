@@ -8,23 +8,21 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import AXES
-from crinoid.results.errors import angle_between, error_word, judged_or_all, short_way
+from crinoid.results.errors import error_word, judged_or_all, off_direction
 from crinoid.results.result import Result
 from crinoid.results.scene.scene import CALM
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
-from crinoid.view.figures.charts import chart
+from crinoid.view.figures.charts.chart import MEMBER_ROLES, ZERO, Chart, Level, Panel, Trace, rms
 
 _ROOM = 1.08  # of an axis, above the largest value
-_ERROR = chart.Panel("tip_error", "tip error", low=0.0, tall=2.25, columns=1)
-_MISS = chart.Panel("tip_miss", "tip \N{MINUS SIGN} target", levels=chart.ZERO, tall=2.25)
-_DIRECTION = chart.Panel(
-    "tip_direction", "tip direction", levels=chart.ZERO, low=-_ROOM, high=_ROOM, tall=2.0
-)
-_OFF = chart.Panel("tip_off_direction", "tip off\ndirection", DEGREES, low=0.0, tall=1.8, columns=1)
-_WATER = chart.Panel("tip_water", "water speed\nat tip", Unit(1.0, "m/s"), tall=1.45)
+_ERROR = Panel("tip_error", "tip error", low=0.0, tall=2.25, columns=1)
+_MISS = Panel("tip_miss", "tip \N{MINUS SIGN} target", levels=ZERO, tall=2.25)
+_DIRECTION = Panel("tip_direction", "tip direction", levels=ZERO, low=-_ROOM, high=_ROOM, tall=2.0)
+_OFF = Panel("tip_off_direction", "tip off\ndirection", DEGREES, low=0.0, tall=1.8, columns=1)
+_WATER = Panel("tip_water", "water speed\nat tip", Unit(1.0, "m/s"), tall=1.45)
 
 
-def tip_chart(run: Result) -> chart.Chart:
+def tip_chart(run: Result) -> Chart:
     """Return errors of the tip's position and direction, and the water's speed at the tip.
 
     In space also the tip's direction.
@@ -32,34 +30,34 @@ def tip_chart(run: Result) -> chart.Chart:
     spatial = "tip_direction" in run.dataset
     panels = [_error(run), _components(run)]
     panels += [_direction(run)] if spatial else []
-    return chart.Chart("tip_error", "Tip", (*panels, _off_direction(run), _speed(run.dataset)))
+    return Chart("tip_error", "Tip", (*panels, _off_direction(run), _speed(run.dataset)))
 
 
-def _error(run: Result) -> chart.Panel:
+def _error(run: Result) -> Panel:
     unit = length_unit(largest(*(each.dataset["tip_error"].values for _, each in run.members)))
     scenario = run.known_scenario
     tolerance = scenario.target.tolerance
     traces = []
-    levels = [] if tolerance is None else [chart.Level(tolerance, "ink")]
+    levels = [] if tolerance is None else [Level(tolerance, "ink")]
     # the run without control is drawn behind, as the reference
-    for (label, each), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
+    for (label, each), role in zip(run.members, MEMBER_ROLES, strict=False):
         data, values = each.dataset, each.dataset["tip_error"].values
         judged = values[judged_or_all(each)]
-        mean = chart.rms(judged)
+        mean = rms(judged)
         summary = f"RMS {unit.text(mean)} (dashed), maximum {unit.text(largest(judged))}"
         if tolerance is not None:
             near, share = length_unit(tolerance).text(tolerance), np.mean(judged <= tolerance)
             summary += f", {100 * share:.3g} % within {near}"
         behind = role == "free"
-        traces.append(chart.Trace(label, _time(data), values, role, behind=behind, summary=summary))
-        levels.append(chart.Level(mean, role, "dashed"))
+        traces.append(Trace(label, _time(data), values, role, behind=behind, summary=summary))
+        levels.append(Level(mean, role, "dashed"))
     high = None if largest(run.dataset["tip_error"].values) > 0 else 1.0 / unit.factor
     panel = replace(_ERROR, label=error_word(scenario), unit=unit, high=high)
     aside = scenario.judged_from or None
     return replace(panel, traces=tuple(traces), levels=tuple(levels), aside=aside)
 
 
-def _components(run: Result) -> chart.Panel:
+def _components(run: Result) -> Panel:
     misses = [
         (label, data, data["tip_position"].values - data["tip_target"].values)
         for label, data in ((label, each.dataset) for label, each in run.members)
@@ -70,60 +68,49 @@ def _components(run: Result) -> chart.Panel:
         behind = label == "without control"
         for part, axis in enumerate(map(str, data["axis"].values)):
             name = f"{axis}, {label}" if label else axis
-            traces.append(chart.Trace(name, _time(data), miss[:, part], axis, behind=behind))
+            traces.append(Trace(name, _time(data), miss[:, part], axis, behind=behind))
     columns = 2 if len(misses) > 1 else len(AXES[3])
     label = _MISS.label if run.known_scenario.aims else "tip \N{MINUS SIGN} start"
     return replace(_MISS, label=label, unit=unit, traces=tuple(traces), columns=columns)
 
 
-def _direction(run: Result) -> chart.Panel:
+def _direction(run: Result) -> Panel:
     data, word = run.dataset, "target" if run.known_scenario.aims else "start"
     aimed, traces = "tip_direction_target" in data, []
     for axis in AXES[3]:
         part = data["tip_direction"].sel(axis=axis).values
-        traces.append(chart.Trace(axis, _time(data), part, axis))
+        traces.append(Trace(axis, _time(data), part, axis))
         if aimed:
             wanted = data["tip_direction_target"].sel(axis=axis).values
             words = f"{axis} of the {word}"
-            traces.append(chart.Trace(words, _time(data), wanted, axis, "dashed", quiet=True))
+            traces.append(Trace(words, _time(data), wanted, axis, "dashed", quiet=True))
     also: tuple[tuple[str, Literal["dashed"]], ...] = ((word, "dashed"),)
     return replace(_DIRECTION, traces=tuple(traces), also=also if aimed else ())
 
 
-def _off_direction(run: Result) -> chart.Panel:
+def _off_direction(run: Result) -> Panel:
     traces = []
-    for (label, each), role in zip(run.members, chart.MEMBER_ROLES, strict=False):
+    for (label, each), role in zip(run.members, MEMBER_ROLES, strict=False):
         data, off = each.dataset, off_direction(each.dataset)
         if off is not None:
             judged = off[judged_or_all(each)]
             most = DEGREES.text(largest(judged))
-            summary = f"RMS {DEGREES.text(chart.rms(judged))}, maximum {most}"
+            summary = f"RMS {DEGREES.text(rms(judged))}, maximum {most}"
             behind = role == "free"
-            traces.append(
-                chart.Trace(label, _time(data), off, role, behind=behind, summary=summary)
-            )
+            traces.append(Trace(label, _time(data), off, role, behind=behind, summary=summary))
     high = _ROOM * largest(*(trace.values for trace in traces)) or 1.0 / DEGREES.factor
     nothing = "" if traces else "no direction recorded"
     label = _OFF.label if run.known_scenario.aims else "turn of\nthe tip"
     return replace(_OFF, label=label, traces=tuple(traces), high=high, nothing=nothing)
 
 
-def off_direction(data: xr.Dataset) -> Float[np.ndarray, " time"] | None:
-    """Return the angle (rad) between the tip's direction and its target; None without one."""
-    if {"tip_direction", "tip_direction_target"} <= set(data):
-        return angle_between(data["tip_direction"].values, data["tip_direction_target"].values)
-    if {"tip_angle", "tip_angle_target"} <= set(data):
-        return np.abs(short_way(data["tip_angle"].values - data["tip_angle_target"].values))
-    return None
-
-
-def _speed(data: xr.Dataset) -> chart.Panel:
+def _speed(data: xr.Dataset) -> Panel:
     if "flow_velocity" not in data:
         return replace(_WATER, nothing="no flow recorded")
     speed = np.linalg.norm(data["flow_velocity"].isel(node=-1).values, axis=-1)
     top = largest(speed)
     summary = f"mean {si_unit(1.0, 'm/s').text(float(np.nanmean(speed)))}"
-    traces = (chart.Trace("", _time(data), speed, "ink", summary=summary),)
+    traces = (Trace("", _time(data), speed, "ink", summary=summary),)
     high, nothing = _ROOM * top or 1.0, "" if top > CALM else "still water"
     return replace(_WATER, traces=traces, low=0.0, high=high, nothing=nothing)
 

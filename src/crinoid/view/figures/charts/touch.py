@@ -12,7 +12,7 @@ from crinoid.results.metrics import FAR_CONTACTS
 from crinoid.results.result import Result
 from crinoid.results.scene.data import find_obstacles
 from crinoid.results.units import largest, length_unit, si_unit
-from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Trace
+from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Series, Trace
 
 _VARIABLES = (
     *("obstacle_position", "contact_force", "contact_impulse"),
@@ -22,8 +22,6 @@ _VARIABLES = (
 _FORCE = Panel("contact_force", "contact\nforce", low=0.0, tall=2.2, columns=3)
 _GAP = Panel("contact_gap", "distance from\nthe arm", levels=ZERO, tall=2.0, columns=3)
 _FEW = 50  # saved forces below which peaks are not cut off
-
-Series = Float[np.ndarray, " time"]
 
 
 class _Body(NamedTuple):
@@ -64,8 +62,15 @@ def contact_chart(run: Result) -> Chart | None:
 
 
 def _bodies(label: str, result: Result) -> Iterator[_Body]:
-    data = result.dataset
-    behind, count, time = label == "without control", 0, data["time"].values
+    data, count = result.dataset, 0
+    time = data["time"].values
+
+    def named(name: str, short: str, order: int) -> tuple[str, str, int, bool, Series]:
+        """Return what all bodies have; those of the run without control share a name."""
+        if label == "without control":
+            return label, f"{short} without", order, True, time
+        return name, short, order, False, time
+
     if set(_VARIABLES) <= set(data):
         count, steps = data.sizes["obstacle"], np.diff(time)
         names = [each.label for each in find_obstacles(result)]
@@ -74,36 +79,16 @@ def _bodies(label: str, result: Result) -> Iterator[_Body]:
             total, pushed = found["contact_time"].values, found["contact_impulse"].values
             # of the mean force between records no hit is too short
             mean = np.linalg.norm(np.diff(pushed, axis=0), axis=1) / steps
-            yield _Body(
-                "without control" if behind else names[index],
-                f"{index} without" if behind else f"{index}",
-                index,
-                behind,
-                time,
-                np.diff(total) > 0.0,
-                float(total[-1]),
-                np.linalg.norm(found["contact_force"].values, axis=1),
-                mean,
-                found["contact_gap"].values,
-                float(found["contact_closest"].values[-1]),
-            )
+            force = np.linalg.norm(found["contact_force"].values, axis=1)
+            gap, closest = found["contact_gap"].values, float(found["contact_closest"].values[-1])
+            about = named(names[index], f"{index}", index)
+            yield _Body(*about, np.diff(total) > 0.0, float(total[-1]), force, mean, gap, closest)
     for index, (part, words) in enumerate(FAR_CONTACTS.items()):
         if (far := far_contact(data, part)) is None:
             continue
         name, short = f"the arm {words}" if part == "self" else words, words.split()[-1]
-        yield _Body(
-            "without control" if behind else name,
-            f"{short} without" if behind else short,
-            count + index,
-            behind,
-            time,
-            far.held,
-            far.time,
-            far.force,
-            np.zeros(0),
-            far.gap,
-            far.smallest_gap,
-        )
+        about, none = named(name, short, count + index), np.zeros(0)
+        yield _Body(*about, far.held, far.time, far.force, none, far.gap, far.smallest_gap)
 
 
 def _when(bodies: list[_Body]) -> Panel:
@@ -132,10 +117,8 @@ def _force(bodies: list[_Body]) -> Panel:
             continue
         role = f"series {body.order}"
         if len(body.mean):
-            level, words = (
-                np.append(body.mean, body.mean[-1]),
-                f"{body.short}, mean between records",
-            )
+            level = np.append(body.mean, body.mean[-1])
+            words = f"{body.short}, mean between records"
             traces.append(Trace(words, body.time, level, role, "filled", body.behind, quiet=True))
             filled = True
         summary = f"\u2264 {unit.text(largest(body.force))}"

@@ -4,7 +4,7 @@ from crinoid.foundation.axes import ANGLES
 from crinoid.results.result import Result
 from crinoid.results.units import DEGREES, largest, length_unit, si_unit
 from crinoid.view.figures.charts.chart import ZERO, Chart, Level, Panel, Trace
-from crinoid.view.figures.charts.drive import ABOUT
+from crinoid.view.figures.charts.drive import ABOUT, vector_traces
 
 _NEAR = 0.5  # share of a limit from which it is drawn
 
@@ -38,18 +38,9 @@ def _motion(run: Result, channels: list[str]) -> Panel:
 
 
 def _thrust(run: Result, name: str, unit: str, limit: float | None) -> Panel:
-    data = run.dataset
-    values = data[name].values.reshape(data.sizes["time"], -1)
-    axes = data["axis"].values if values.shape[1] > 1 else [""]
-    way = "along" if name == "thruster_force" else "about"
-    traces = tuple(
-        Trace(f"{way} {axis}" if axis else "", data["time"].values, part, str(axis) or "ink")
-        for axis, part in zip(axes, values.T, strict=True)
-    )
-    most = largest(values)
-    levels = list(ZERO)
+    most, levels = largest(run.dataset[name].values), list(ZERO)
     if limit is not None and most >= _NEAR * limit:
         levels += [Level(limit, "ink"), Level(-limit, "ink")]
-    word = name.removeprefix("thruster_")
-    drawn = si_unit(most, unit)
-    return Panel(name, f"thrusters'\n{word}", drawn, traces, tuple(levels))
+    label = f"thrusters'\n{name.removeprefix('thruster_')}"
+    traces = vector_traces(run.dataset, name)
+    return Panel(name, label, si_unit(most, unit), traces, tuple(levels))
