@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -22,6 +22,7 @@ from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
 from crinoid.inverse.stability import StabilityMargin
 from crinoid.inverse.trial_runs import TrialRuns
+from crinoid.inverse.workers import results
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError, refusal
 
@@ -42,10 +43,6 @@ _POPULATION = 16
 _FINALISTS = 6
 """Largest number of best trials that are run again with rounded numbers."""
 
-_POLL = 0.1
-"""Time between two checks of the threads of a search (s)."""
-
-T = TypeVar("T")
 Found = Float[np.ndarray, "measure draw"]
 Report = Callable[[int, int, float], None]
 
@@ -228,25 +225,15 @@ class Optimisation:
             try:
                 starts = enumerate(self.starts)
                 jobs = [pool.submit(descend, *each, first) for each in starts]
-                used_all = self._results(jobs)
+                used_all = results(jobs, self._poll)
                 self.ended_early = any(used_all)
                 self.runs.failure = self.runs.failure or self._search.failure
                 if self.best is not None and more > 0:
                     last = pool.submit(descend, self.best.start, self.best.point, more)
-                    (self.ended_early,) = self._results([last])
+                    (self.ended_early,) = results([last], self._poll)
             except BaseException:
                 self._stopped.set()
                 raise
-
-    def _results(self, jobs: Sequence[Future[T]]) -> list[T]:
-        """Wait for threads, polling meanwhile."""
-        waiting = set(jobs)
-        while waiting:
-            done, waiting = wait(waiting, _POLL, FIRST_EXCEPTION)
-            self._poll()
-            for job in done:
-                job.result()
-        return [job.result() for job in jobs]
 
     def _without_gradients(self) -> None:
         keys, generation = len(self.ranges.keys), 0

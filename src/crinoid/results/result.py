@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
-from functools import lru_cache
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -17,6 +16,7 @@ from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
+from crinoid.results.readable import readable
 from crinoid.results.result_file import CHECKPOINT, attributes, named_leaves, write_result
 from crinoid.results.stream import (
     check_size,
@@ -25,8 +25,7 @@ from crinoid.results.stream import (
     read_checkpoint,
     remove_checkpoints,
 )
-from crinoid.scenario import Scenario, ScenarioError, counted
-from crinoid.scenario.document import parse
+from crinoid.scenario import Scenario, counted
 
 if TYPE_CHECKING:
     from crinoid.results.scene.scene import Scene
@@ -129,7 +128,7 @@ class Result:
     def scenario(self) -> Scenario:
         """The scenario that was run."""
         text = str(self.dataset.attrs["scenario"])
-        scenario, reason = _readable(text)
+        scenario, reason = readable(text)
         return scenario if scenario is not None and not reason else Scenario.from_toml(text)
 
     @property
@@ -139,7 +138,7 @@ class Result:
         With it the reason why it is not the whole; empty if it is.
         """
         text = self.dataset.attrs.get("scenario")
-        return (None, "its file has none") if text is None else _readable(str(text))
+        return (None, "its file has none") if text is None else readable(str(text))
 
     @property
     def known_scenario(self) -> Scenario:
@@ -344,33 +343,3 @@ def _kind(leaf: np.ndarray | None) -> str:
     if leaf is None:
         return "nothing"
     return f"an array {leaf.shape} of {leaf.dtype}" if leaf.ndim else f"a number, {leaf.dtype}"
-
-
-@lru_cache(maxsize=8)
-def _readable(text: str) -> tuple[Scenario | None, str]:
-    """Return a scenario without its unknown keys, and why it is not the whole; empty if it is.
-
-    None where more than unknown keys is wrong.
-    """
-    reason = ""
-    try:
-        document = parse(text)
-    except ScenarioError as error:
-        return None, error.lines[0]
-    for _ in range(2):
-        try:
-            return Scenario(**document), reason
-        except ScenarioError as error:
-            reason = reason or error.lines[0]
-            for mistake in error.mistakes:
-                if mistake.text.startswith("unknown key"):
-                    _remove(document, mistake.key)
-    return None, reason
-
-
-def _remove(document: Any, key: str) -> None:
-    *path, last = key.split(".")
-    with suppress(LookupError, ValueError, TypeError):
-        for part in path:
-            document = document[int(part) if isinstance(document, list) else part]
-        del document[last]
