@@ -17,12 +17,7 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripTriggers
 from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Settings
-from crinoid.dynamics.outcome import (
-    Outcome,
-    StepStatistics,
-    halve,
-    warn_of_round_off,
-)
+from crinoid.dynamics.outcome import Outcome, StepStatistics, halve, warn_of_round_off
 from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
 from crinoid.dynamics.state import EnergyAccount, State, tip_pose
 from crinoid.dynamics.time_step import step_with
