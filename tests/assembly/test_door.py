@@ -299,6 +299,16 @@ def test_a_users_flow_counts_as_current_and_is_doubted():
     assert line in "".join(plausibility_warnings(steady.prepared))
 
 
+def test_a_flow_without_a_known_speed_is_sampled(monkeypatch):
+    current = {"kind": "uniform", "velocity": [0.3, 0.4]}
+    wave = {"kind": "sine", "amplitude": [2.0, 0.0], "frequency_hz": 0.5}
+    known = Facts(Prepared(crinoid.Scenario(flow=[current, wave])))
+    assert known.sampled == {}
+    monkeypatch.setattr(Facts, "_fastest", lambda *_: None)
+    new = Facts(Prepared(known.scenario))
+    assert new.speeds == pytest.approx(known.speeds, rel=0.05)
+
+
 class Creeping(crinoid.Element):
     """A spring from the tip to the place where it was, which it follows within a second."""
 

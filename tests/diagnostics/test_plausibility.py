@@ -2,16 +2,20 @@
 
 import math
 import re
+from types import SimpleNamespace
+from typing import Annotated, Literal
 
 import numpy as np
 import pytest
+from pydantic import Field
 
 import crinoid
 from crinoid.assembly.facts import bending_frequencies
 from crinoid.assembly.prepared import Prepared
 from crinoid.diagnostics.plausibility import IN_THE_WATER, RULES, plausibility_warnings
-from crinoid.scenario import builtin_names
+from crinoid.scenario import builtin_names, kinds
 from crinoid.scenario.scenario import AT_REST
+from crinoid.tables import LoadTable, Newtons, Quantity, Seconds
 
 # A built-in scenario, an odd value of one of its keys (or with what it needs), and how the note
 # begins. still-water: EI = 0.0628 N m2: Euler at 0.62 N, Beck at 5.0 N, Greenhill at 3.9 N/m.
@@ -251,6 +255,34 @@ def test_a_rule_compares_a_thread_with_the_sections_along_it():
     length = crinoid.load("still-water").arm.length
     turns = 30.0 * 8e-3 * length / 0.015 / 3 * (1 / ends[1] - 1 / ends[0]) / (2 * np.pi)
     assert float(found.split("into ")[1].split()[0]) == pytest.approx(turns, rel=0.03)
+
+
+class Whirl(LoadTable):
+    kind: Literal["whirl"] = "whirl"
+    magnitude: Newtons = Field(ge=0, description="Size of the force.")
+    moment: Annotated[float, Quantity("N m")] = Field(default=0.0, description="Moment.")
+    period: Seconds = Field(default=1.0, gt=0, description="Time of a turn.")
+
+    def build(self, scenario):
+        raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ("odd", "note"),
+    [
+        ({"magnitude": 200.0}, "load.0.magnitude: got 200.0 N (magnitude times L^2 / EI = 796)"),
+        ({"moment": 9.0}, "load.0.moment: got 9.0 N m (moment times L / EI = 71.6)"),
+        ({"period": 0.02}, "simulation.time_step: got 0.01 s, 2 time steps in load.0, 0.02 s"),
+        ({}, None),
+    ],
+)
+def test_a_new_kind_of_load_is_judged_by_the_units_of_its_keys(monkeypatch, odd, note):
+    whirl = SimpleNamespace(load=lambda: Whirl)
+    monkeypatch.setattr(kinds, "installed", lambda group: {"whirl": whirl})
+    case = crinoid.load("still-water").model_dump(exclude_unset=True)
+    found = warnings_about(**case | {"load": [{"kind": "whirl", "magnitude": 0.1} | odd]})
+    assert len(found) == (note is not None)
+    assert note is None or found[0].startswith(note)
 
 
 def test_the_defaults_are_plausible():

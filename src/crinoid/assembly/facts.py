@@ -22,7 +22,6 @@ from crinoid.scenario import (
 )
 from crinoid.scenario.base_motion import FileMotion, VesselMotion
 from crinoid.scenario.flow import Flow
-from crinoid.scenario.kinds import is_own
 
 if TYPE_CHECKING:
     from crinoid.assembly.prepared import Prepared
@@ -195,12 +194,16 @@ class Facts:
     @cached_property
     def speeds(self) -> dict[int, float]:
         """Speed that each flow hardly exceeds, by its index (m/s)."""
-        known = {i: self.fastest(i, flow) for i, flow in enumerate(self.scenario.flow)}
         sampled = {
             index: float(np.linalg.norm(velocity, axis=-1).max(initial=0.0))
             for index, velocity in self.sampled.items()
         }
-        return known | sampled
+        return self._known_speeds | sampled
+
+    @cached_property
+    def _known_speeds(self) -> dict[int, float]:
+        known = {i: self._fastest(i, flow) for i, flow in enumerate(self.scenario.flow)}
+        return {index: speed for index, speed in known.items() if speed is not None}
 
     @property
     def current(self) -> float:
@@ -224,12 +227,12 @@ class Facts:
 
     @cached_property
     def sampled(self) -> dict[int, Float[np.ndarray, "s d"]]:
-        """Velocities of each flow of another package near the arm, by its index (m/s)."""
-        if self.prepared.parts is None and all(map(is_own, self.scenario.flow)):
+        """Velocities near the arm of each flow without a known speed, by its index (m/s)."""
+        if self.prepared.parts is None and len(self._known_speeds) == len(self.scenario.flow):
             return {}
         from crinoid.assembly.system import sampled  # JAX: slow to load, few need it
 
-        return sampled(self.prepared.system, self.scenario)
+        return sampled(self.prepared.system, self.scenario, self._known_speeds)
 
     @cached_property
     def waters(self) -> dict[str, tuple[float, ...]]:
@@ -243,8 +246,8 @@ class Facts:
             return at_rest
         return {"the mean current": mean} | (at_rest if self.current >= 2 * speed else {})
 
-    def fastest(self, index: int, flow: Flow) -> float:
-        """Return the speed that a flow hardly exceeds (m/s)."""
+    def _fastest(self, index: int, flow: Flow) -> float | None:
+        """Return the speed that a flow hardly exceeds (m/s); None if only samples show it."""
         match flow:
             case UniformFlow() | ShearFlow() | GustFlow():
                 return math.hypot(*flow.velocity)
@@ -264,7 +267,7 @@ class Facts:
             case MeasuredFlow():
                 velocity = self.prepared.recordings[index].velocity
                 return float(np.nanmax(np.linalg.norm(velocity, axis=-1)))
-        return 0.0
+        return None
 
 
 _PARTS = 24

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import chain, zip_longest
+from collections.abc import Container
+from itertools import chain
 
 import equinox as eqx
 import jax
@@ -161,12 +162,14 @@ def check_steady(flow: Flow, place: str, scenario: Scenario) -> None:
     require(not (flow.steady and changes), f"{part_name(flow, place)} steady", text)
 
 
-def sampled(system: System, scenario: Scenario) -> dict[int, Float[np.ndarray, "s d"]]:
-    """Return velocities of the flows of other packages near the arm, by index (m/s)."""
+def sampled(
+    system: System, scenario: Scenario, known: Container[int]
+) -> dict[int, Float[np.ndarray, "s d"]]:
+    """Return velocities near the arm of the flows that are not known, by index (m/s)."""
     return {
         index: np.concatenate(sampled_velocities(flow, scenario))
-        for index, (flow, table) in enumerate(zip_longest(system.forces.water.flows, scenario.flow))
-        if not is_own(flow if table is None else table)
+        for index, flow in enumerate(system.forces.water.flows)
+        if index not in known
     }
 
 

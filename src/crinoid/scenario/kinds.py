@@ -77,7 +77,7 @@ def with_places(mistake: Mistake, schema: Schema) -> Mistake:
     return replace(mistake, text="unknown key", instead=instead)
 
 
-def part(name: str, *numbers: Any, **named: Any) -> Any:
+def part(name: str, /, *numbers: Any, **named: Any) -> Any:
     """Build a part of crinoid by a class or a function that is named as ``module:Class``.
 
     The module is imported here: a table describes, and by itself loads no JAX. Numbers and tuples
@@ -138,7 +138,7 @@ class KindOf:
     ) -> CoreSchema:
         self._own = tuple(
             kind
-            for table in get_args(source)
+            for table in get_args(source) or (source,)
             for kind in get_args(table.model_fields["kind"].annotation)
         )
         return core_schema.no_info_wrap_validator_function(

@@ -17,7 +17,7 @@ from crinoid.scenario import (
     DistributedLoad,
     GaussMarkovFlow,
     GustFlow,
-    SineFlow,
+    LoadTable,
     SurfaceWaves,
     TipLoad,
     TurbulenceFlow,
@@ -31,12 +31,15 @@ from crinoid.scenario.base_motion import (
     VelocityMotion,
     VesselMotion,
 )
+from crinoid.scenario.model import properties_of
 from crinoid.scenario.obstacle import Plane, Seabed
+from crinoid.scenario.quantity import unit_of
 
 _ROPE = 150.0
 """Largest force per length times length cubed over EI: it bends over a fifth of the length."""
-_WOUND = 20.0
-"""Largest moment times length over EI: three turns."""
+_BENDING = {"N": (2, LIMP), "N/m": (3, LIMP), "N m": (1, 20.0)}
+"""By the unit of a load: the power of the length with which it is over EI, and the largest value; a
+moment winds three turns."""
 _GREENHILL = 7.837
 """Force per length over EI / length^3 at which a cantilever buckles (Greenhill 1881)."""
 _EULER = math.pi**2 / 4
@@ -138,22 +141,18 @@ def _steepest(time: Float[np.ndarray, " point"], value: Float[np.ndarray, " poin
     "load.*.force",
     "load.*.magnitude",
     "load.*.moment",
-    limit="force times L^2 / EI and magnitude times L^3 / EI up to 500, moment times L / EI up to "
-    "20; no push toward the root that buckles the arm",
+    limit="force (N) times L^2 / EI and force per length (N/m) times L^3 / EI up to 500, moment "
+    "times L / EI up to 20; no push toward the root that buckles the arm",
 )
 def _loads(facts: Facts) -> Iterator[str]:
-    for index, load in enumerate(facts.scenario.load):
-        if not isinstance(load, TipLoad | DistributedLoad):
-            continue
-        for key, unit, power, most in (
-            ("force", "N", 2, LIMP),
-            ("magnitude", "N/m", 3, LIMP),
-            ("moment", "N m", 1, _WOUND),
-        ):
-            value = getattr(load, key, 0.0)
+    for key in ("force", "magnitude", "moment"):
+        for found, value, load in numbers(facts.scenario, f"load.*.{key}"):
+            table: type[LoadTable] = type(load)
+            unit = unit_of(properties_of(table)[key])
+            power, most = _BENDING.get(unit, (0, math.inf))
             bent = facts.limpness(magnitude(value), power)
             push = 0.0 if key == "moment" or not value else _push(facts, load)
-            found, got = f"load.{index}.{key}", f"{shown(value)} {unit}"
+            got = f"{shown(value)} {unit}"
             if bent > most:
                 factor = "L" if power == 1 else f"L^{power}"
                 got += f" ({key} times {factor} / EI = {bent:.3g})"
@@ -164,7 +163,7 @@ def _loads(facts: Facts) -> Iterator[str]:
                 yield f"{found}: got {got}, which {text}: it buckles or flutters, to either side."
 
 
-def _push(facts: Facts, load: TipLoad | DistributedLoad) -> float:
+def _push(facts: Facts, load: LoadTable) -> float:
     """Return the push toward the root over that which buckles a cantilever, 0 for a pull."""
     bending, along = float(facts.bending.min()), np.array(facts.direction)
     if facts.scenario.base.mount != "clamped":
@@ -172,7 +171,7 @@ def _push(facts: Facts, load: TipLoad | DistributedLoad) -> float:
     if isinstance(load, TipLoad):
         push = -(load.force[0] if load.follower else float(along @ load.force))
         return push * facts.length**2 / bending / (_BECK if load.follower else _EULER)
-    if not isinstance(load.direction, tuple):
+    if not (isinstance(load, DistributedLoad) and isinstance(load.direction, tuple)):
         return 0.0
     way = np.array(load.direction) / math.hypot(*load.direction)
     return -load.magnitude * float(along @ way) * facts.length**3 / bending / _GREENHILL
@@ -221,16 +220,11 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
     for name in (name for name in scenario.driven if name in channels):
         band = channels[name].bandwidth_hz
         yield f"the servo of {name} ({band:g} Hz)", 1 / band, 4
-    for index, motion in enumerate(scenario.base.motion):
-        if isinstance(motion, SineMotion):
-            yield f"base.motion.{index}", 1 / motion.frequency_hz, 8
     if cycle := scenario.target.period or 1 / (scenario.target.frequency_hz or math.inf):
         yield "the period of the target", cycle, 8
     for index, flow in enumerate(scenario.flow):
         name = f"flow.{index}"
         match flow:
-            case SineFlow():
-                yield name, 1 / flow.frequency_hz, 8
             case GustFlow():
                 yield name, flow.duration, 8
             case GaussMarkovFlow():
@@ -241,8 +235,13 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
                 yield f"the passing of an eddy of {name}", flow.length_scale / facts.current, 8
     for table in ("flow", "load", "base.motion"):
         for index, each in enumerate(attrgetter(table)(scenario)):
+            name = f"{table}.{index}"
             if ramp := getattr(each, "ramp_time", 0.0):
-                yield f"the ramp of {table}.{index}", ramp, 4
+                yield f"the ramp of {name}", ramp, 4
+            if rate := getattr(each, "frequency_hz", 0.0):
+                yield name, 1 / rate, 8
+            if period := getattr(each, "period", 0.0):
+                yield name, period, 8
     for index, obstacle in enumerate(scenario.obstacle):
         if hasattr(obstacle, "radius") and obstacle.velocity != "flow":
             speed = math.hypot(*obstacle.velocity)
@@ -253,10 +252,10 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
 
 @rule(
     "simulation.time_step",
-    limit="8 time steps to the period of the second bending mode, of the target, of sines and "
-    "gusts and to the passing of an eddy, 16 to the peak period of waves, 4 to a period at a "
-    "driven servo's bandwidth, to a ramp and to the passing of an obstacle, 3 to a correlation "
-    "time",
+    limit="8 time steps to the period of the second bending mode, of the target, of sines, "
+    "gusts and loads and to the passing of an eddy, 16 to the peak period of waves, 4 to a period "
+    "at a driven servo's bandwidth, to a ramp and to the passing of an obstacle, 3 to a "
+    "correlation time",
 )
 def _time_step(facts: Facts) -> Iterator[str]:
     step = facts.scenario.simulation.time_step

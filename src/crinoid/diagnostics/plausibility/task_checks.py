@@ -76,7 +76,7 @@ def _random_start(facts: Facts) -> Iterator[str]:
         if not flow.drawn:
             continue
         own = math.hypot(*flow.uniform_mean or (0.0,))
-        more = (mean + facts.fastest(index, flow) - own) ** 2 - mean**2
+        more = (mean + facts.speeds[index] - own) ** 2 - mean**2
         drag = 0.5 * water.density * water.drag_normal * facts.diameter * more
         if facts.limpness(drag, 3) / 8 > _BENT:
             key = f"flow.{index}"
