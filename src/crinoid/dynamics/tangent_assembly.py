@@ -30,7 +30,7 @@ def assemble_tangent(
     load_factor: Array | None = None,
 ) -> Tangent:
     """Return d(residual)/d(correction), assembled from the elements' Jacobians."""
-    size, num_nodes = motion.position.shape[1], forces.nodes(motion.position).shape[0]
+    (rows, size), num_nodes = motion.position.shape, forces.nodes(motion.position).shape[0]
 
     def blocks(group: windows.LawGroup) -> Float[Array, "w k b k b"]:
         return group.jacobians(stage, motion, around, load_factor)
@@ -54,7 +54,7 @@ def assemble_tangent(
     bodies = forces.body_unknowns(size)
     tangent = Tangent(
         banded.assemble(near, num_nodes, size),
-        _border(others, num_nodes, np.array(bodies)) if bodies else None,
+        _border(others, (num_nodes, rows - num_nodes), np.array(bodies)) if bodies else None,
         bodies,
         far=sum(far[1:], far[0]) if far else None,
     )
@@ -71,24 +71,22 @@ def assemble_tangent(
 
 
 def _border(
-    others: list[tuple[Array, Any, int]], num_nodes: int, at: Int[np.ndarray, " p"]
+    others: list[tuple[Array, Any, int]], shape: tuple[int, int], at: Int[np.ndarray, " p"]
 ) -> Border:
-    """Return the blocks that couple nodes and free bodies, with the unknowns ``at`` their rows.
+    """Return the blocks that couple nodes and free bodies, from those of laws on both.
 
-    From the blocks of laws on ``nodes`` of the arm and then rows of bodies.
+    ``others`` has blocks, index array, and the number of nodes in a window: its first rows.
+    ``shape`` is the number of nodes and of other rows, ``at`` has the unknowns among the latter.
     """
-    size = others[0][0].shape[2]
-    count = int(at.max()) // size + 1
+    (num_nodes, count), size = shape, others[0][0].shape[2]
     of_nodes = jnp.zeros((num_nodes, size, count, size))
     of_bodies, corner = jnp.moveaxis(of_nodes, (0, 1), (2, 3)), jnp.zeros((count, size) * 2)
     for blocks, index, nodes in others:
         arm, bodies = index[..., :nodes], index[..., nodes:] - num_nodes
-        shape = (num_nodes, count)
         if nodes:
-            of_nodes += index_array.scatter_blocks(blocks[:, :nodes, :, nodes:], arm, bodies, shape)
-            of_bodies += index_array.scatter_blocks(
-                blocks[:, nodes:, :, :nodes], bodies, arm, shape[::-1]
-            )
+            across, back = blocks[:, :nodes, :, nodes:], blocks[:, nodes:, :, :nodes]
+            of_nodes += index_array.scatter_blocks(across, arm, bodies, shape)
+            of_bodies += index_array.scatter_blocks(back, bodies, arm, shape[::-1])
         own = blocks[:, nodes:, :, nodes:]
         corner += index_array.scatter_blocks(own, bodies, bodies, (count, count))
     return Border(
