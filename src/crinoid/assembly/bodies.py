@@ -11,11 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array, from_table
-from crinoid.dynamics import (
-    GripTriggers,
-    Thrusters,
-    Vehicle,
-)
+from crinoid.dynamics import GripTriggers, Thrusters, Vehicle
 from crinoid.elements import Ball, Tool
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod

@@ -9,16 +9,8 @@ from jaxtyping import Array, Float
 
 from crinoid.assembly.arrays import array, from_table
 from crinoid.base import Base
-from crinoid.dynamics import (
-    FarEdges,
-    Hull,
-    Vehicle,
-    far_edges,
-    first_far_edge,
-)
-from crinoid.elements import (
-    HullContact,
-)
+from crinoid.dynamics import FarEdges, Hull, Vehicle, far_edges, first_far_edge
+from crinoid.elements import HullContact
 from crinoid.foundation.axes import CHANNEL_TABLE
 from crinoid.rod import Rod
 from crinoid.scenario import Mistake, Scenario, ScenarioError, got

@@ -13,10 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.assembly.arrays import array
-from crinoid.dynamics import (
-    FreeBodies,
-    Obstacles,
-)
+from crinoid.dynamics import FreeBodies, Obstacles
 from crinoid.elements import (
     Ball,
     Bed,

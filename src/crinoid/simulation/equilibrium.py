@@ -12,11 +12,7 @@ from crinoid.results.result import Result
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.scenario import AT_REST
 from crinoid.simulation.chunk import one_instant
-from crinoid.simulation.conclusion import (
-    conclude,
-    dataset_builder,
-    start_failure,
-)
+from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
 from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
 

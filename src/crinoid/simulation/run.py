@@ -28,11 +28,7 @@ from crinoid.results.record import Record
 from crinoid.results.result import RESULT, UNCONTROLLED, Result
 from crinoid.scenario.library import Source
 from crinoid.simulation.chunk import CAPACITY, chunk_program, one_instant, record, start_loop
-from crinoid.simulation.conclusion import (
-    conclude,
-    dataset_builder,
-    start_failure,
-)
+from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.sink import Sink, require_space, resume_state

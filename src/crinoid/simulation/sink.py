@@ -14,13 +14,7 @@ from crinoid.foundation.axes import AXES, CHANNELS
 from crinoid.foundation.result_variables import numbers, of_dimension
 from crinoid.results.chunks import join, pieces
 from crinoid.results.record import Record
-from crinoid.results.result import (
-    RESULT,
-    UNCONTROLLED,
-    UNFINISHED,
-    Result,
-    ResultError,
-)
+from crinoid.results.result import RESULT, UNCONTROLLED, UNFINISHED, Result, ResultError
 from crinoid.results.result_file import attributes, named_leaves
 from crinoid.results.stream import Stream
 from crinoid.scenario import Mistake, Scenario, ScenarioError, counted
