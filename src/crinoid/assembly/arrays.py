@@ -17,8 +17,7 @@ from crinoid.flow import Flow, MeasuredPoint, MeasuredProfile
 from crinoid.flow.flow import panels_of
 from crinoid.numerics.piecewise import PiecewisePolynomial, between
 from crinoid.numerics.ramp import Onset
-from crinoid.scenario import FlowTable, Load, LoadTable, Scenario, ScenarioError
-from crinoid.scenario.errors import got
+from crinoid.scenario import FlowTable, Load, LoadTable, Scenario, got, refusal
 from crinoid.scenario.model import Model
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ def load_numbers(load: Load, index: int, scenario: Scenario) -> tuple[Builder, N
         for key in ("start", "ramp_time", "stop"):
             if value := getattr(load, key):
                 hint = f"Kind {load.kind} has no onset: its build does not return load_onset(self)."
-                raise ScenarioError.of(f"load.{index}.{key}", got(value, "be left out", hint))
+                raise refusal(f"load.{index}.{key}", got(value, "be left out", hint))
     return builder, {name: array_of_plain(value) for name, value in numbers.items()}
 
 

@@ -19,7 +19,7 @@ from crinoid.dynamics import SmallMotions, System
 from crinoid.dynamics.modes import of_free
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.elements import Weight
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import refusal
 from crinoid.scenario.base import ChannelLimits
 from crinoid.scenario.sensor import inclination_sensor
 
@@ -102,7 +102,7 @@ def build_hybrid(plan: AssembledScenario) -> Hybrid:
         )
     except (np.linalg.LinAlgError, ValueError) as error:
         text = f'got "hybrid", but no slide balances this arm upright ({error})'
-        raise ScenarioError([Mistake("control.kind", text)]) from error
+        raise refusal("control.kind", text) from error
     mass = upright.mass.sum()
     pendulum = Pendulum(
         sampled=array(slopes @ to_modes),

@@ -21,8 +21,7 @@ from crinoid.dynamics import Outcome, State, System
 from crinoid.elements import Element
 from crinoid.flow import Flow
 from crinoid.foundation.axes import POSE
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
-from crinoid.scenario.errors import shown
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, refusal, shown
 
 if TYPE_CHECKING:
     from crinoid.recording import Recording
@@ -255,7 +254,7 @@ class AssembledScenario:
         unknown = [name for name in driven if name not in names]
         if unknown:
             text = f"got {shown(unknown[0])} as an input; must be {one_of(names)}"
-            raise ScenarioError([Mistake(f"control.{self.scenario.control.kind}", text)])
+            raise refusal(f"control.{self.scenario.control.kind}", text)
         return [names.index(name) for name in driven]
 
     def _tip_response(self, rows: list[int], jacobian: Float[Array, "pose input"]) -> _TipResponse:
@@ -266,7 +265,7 @@ class AssembledScenario:
                 'got "static-jacobian", but nothing brings this arm back to rest, so its tip '
                 'does not follow the base. Set "identity", or give the arm a clamp or a weight.'
             )
-            raise ScenarioError([Mistake("control.mapping", text)])
+            raise refusal("control.mapping", text)
         return _TipResponse(rows, columns, needed, scale)
 
     def _check_use(self, names: list[str], inverse: Float[np.ndarray, "input coordinate"]) -> None:

@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from crinoid.scenario import MeasuredFlow, Mesh, Mistake, Scenario, ScenarioError, Seabed
+from crinoid.scenario import MeasuredFlow, Mesh, Scenario, Seabed
 from crinoid.scenario.document import digests
-from crinoid.scenario.errors import gathered
+from crinoid.scenario.errors import gathered, refusal
 from crinoid.scenario.library import Source, scenario_of
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ def _require_text(scenario: Scenario) -> None:
         why = " ".join(str(error).split())
     if why:
         text = "got a scenario that TOML cannot hold; must read back as it was written"
-        raise ScenarioError([Mistake("", f"{text} ({why})")])
+        raise refusal("", f"{text} ({why})")
 
 
 def system(scenario: Source) -> System:

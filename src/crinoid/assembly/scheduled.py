@@ -17,7 +17,7 @@ from crinoid.assembly.optimal_control import design_mpc
 from crinoid.assembly.plan import AssembledScenario, find_state
 from crinoid.control import Mpc, RigidRotationCorrection, ScheduledMpc, commands_at
 from crinoid.dynamics import System, numbers_of
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import refusal
 
 Matrix = Float[np.ndarray, "_ _"]
 Turn = Float[np.ndarray, " angle"]
@@ -123,7 +123,7 @@ def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
             angles = ", ".join(f"{each:.3g}" for each in np.rad2deg(turn))
             text = f"no equilibrium where the base is turned by {angles} deg on the way of the tip"
             text = f'got "scheduled", but the arm has {text}. Set "frozen".'
-            raise ScenarioError([Mistake("control.mpc.model", text)])
+            raise refusal("control.mpc.model", text)
     controller, design = design_mpc(replace(plan, system=system, state=state))
     servo = eqx.tree_at(
         lambda each: each.position,

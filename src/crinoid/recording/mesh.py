@@ -20,8 +20,7 @@ from crinoid.recording.signed_distance import Triangles
 from crinoid.recording.solid_shapes import clustered, section
 from crinoid.recording.solid_surface import SolidSurface, SplineOnGrid
 from crinoid.recording.texts import reason_of, short
-from crinoid.scenario import Mesh, Scenario, got, refusal
-from crinoid.scenario.errors import shown
+from crinoid.scenario import Mesh, Scenario, got, refusal, shown
 
 _USUAL, _MOST = 200_000, 20_000_000
 """Values of a grid by default at most, and at most."""

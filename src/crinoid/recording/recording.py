@@ -12,9 +12,8 @@ from jaxtyping import Bool, Float
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import Series
-from crinoid.scenario import FileMotion, Scenario
+from crinoid.scenario import FileMotion, Scenario, got, refusal
 from crinoid.scenario.base_motion import VesselMotion
-from crinoid.scenario.errors import got, refusal
 from crinoid.scenario.flow import MeasuredFlow
 
 _STRETCH = 1.1

@@ -26,8 +26,7 @@ from crinoid.foundation.atomic_file import FilePath
 from crinoid.results.chunks import join
 from crinoid.results.dataset import chosen
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, ScenarioError, counted
-from crinoid.scenario.errors import refusal
+from crinoid.scenario import Scenario, ScenarioError, counted, refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
