@@ -20,7 +20,7 @@ from crinoid.scenario import (
     TurbulenceFlow,
     UniformFlow,
 )
-from crinoid.scenario.base_motion import FileMotion, VesselMotion
+from crinoid.scenario.base_motion import InFile, VesselMotion
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.kinds import is_own
 
@@ -184,9 +184,7 @@ class Facts:
         duration = self.scenario.simulation.duration
         carried = [
             # the file is not read here
-            math.inf
-            if isinstance(motion, (FileMotion, VesselMotion))
-            else motion.farthest(duration)
+            math.inf if isinstance(motion, InFile) else motion.farthest(duration)
             for motion in base.motion
             if isinstance(motion, VesselMotion) or motion.channel not in ANGLES
         ]

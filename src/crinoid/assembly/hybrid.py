@@ -109,7 +109,7 @@ def build_hybrid(plan: AssembledScenario) -> Hybrid:
         length=array(lengths),
         mass=array(upright.mass),
         weight=array(heavy),
-        stiffness=array(np.asarray(bend.stiffness).reshape(-1)),
+        stiffness=bend.stiffness[:, 0],
     )
     return Hybrid(
         pendulum=pendulum,

@@ -7,7 +7,7 @@ import time
 from crinoid.assembly.prepared import Prepared, at_rest, require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.diagnostics.plausibility import plausibility_warnings
-from crinoid.dynamics import State, System
+from crinoid.dynamics import System
 from crinoid.results.result import Result
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.scenario import AT_REST
@@ -65,6 +65,4 @@ def settle(prepared: Prepared, *, notes: bool = True) -> Result:
     return result
 
 
-@compiled(**ONCE)
-def _stand(system: System, state: State) -> State:
-    return system.stand(state)
+_stand = compiled(**ONCE)(System.stand)
