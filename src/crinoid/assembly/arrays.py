@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import equinox as eqx
@@ -46,6 +46,11 @@ def from_table(group: type[_Group], table: Model, **others: Any) -> _Group:
     """
     keys = [field.name for field in dataclasses.fields(group) if field.name not in others]
     return group(**{key: array_of_plain(getattr(table, key)) for key in keys}, **others)
+
+
+def from_tables(tables: Sequence[Model], *keys: str) -> dict[str, Array]:
+    """Return an array of the numbers of tables by key, 0 of a table without one."""
+    return {key: array([getattr(each, key, None) or 0.0 for each in tables]) for key in keys}
 
 
 def onset(table: LoadTable | FlowTable) -> Onset:

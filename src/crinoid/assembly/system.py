@@ -146,7 +146,9 @@ def sampled_velocities(flow: Flow, scenario: Scenario) -> Float[np.ndarray, "tim
     """Return the velocity at full strength within a length of the arm from its base (m/s)."""
     base, arm = scenario.base.position, scenario.arm
     points = base + arm.length * np.random.default_rng(0).uniform(-1, 1, (_COUNT, arm.dimension))
-    velocity = np.asarray(_velocities_at(flow, array(points), _times(scenario)))
+    # no period of a flow divides these times (s)
+    times = array(scenario.simulation.duration * (_GOLDEN * np.arange(_COUNT) % 1))
+    velocity = np.asarray(_velocities_at(flow, array(points), times))
     return velocity[:, np.isfinite(velocity).all(axis=(0, 2))]
 
 
@@ -168,11 +170,6 @@ def sampled(system: System, scenario: Scenario) -> dict[int, Float[np.ndarray, "
         for index, (flow, table) in enumerate(zip_longest(system.forces.water.flows, scenario.flow))
         if not is_own(flow if table is None else table)
     }
-
-
-def _times(scenario: Scenario) -> Float[Array, " time"]:
-    """Return times that no period of a flow divides (s)."""
-    return array(scenario.simulation.duration * (_GOLDEN * np.arange(_COUNT) % 1))
 
 
 @eqx.filter_jit

@@ -208,9 +208,8 @@ def wanted_commands(
     first in ``start``.
     """
     wanted = jax.vmap(seen.target.in_frame)(seen.time + lead)
-    return jax.vmap(lambda pose: product(mapping, pose_error(pose, start[: seen.reference.size])))(
-        wanted
-    )
+    tip = start[: seen.reference.size]
+    return jax.vmap(lambda pose: product(mapping, pose_error(pose, tip)))(wanted)
 
 
 def nearest(
