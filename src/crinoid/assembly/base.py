@@ -82,9 +82,8 @@ def _motions(
             yield VelocityMotion(channel, onset, array(motion.velocity_si))
         case motions.TableMotion():
             time, value = np.asarray(motion.time), np.asarray(motion.value_si)
-            yield TableMotion(
-                channel, PiecewisePolynomial(_curve(time, value, motion.interpolation))
-            )
+            curve = _curve(time, value, motion.interpolation)
+            yield TableMotion(channel, PiecewisePolynomial(curve))
 
 
 def _curve(

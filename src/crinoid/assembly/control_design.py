@@ -145,7 +145,7 @@ class ControlDesignModel(NamedTuple):
             raise refusal(f"control.{scenario.control.kind}", text)
         spare = np.linalg.svd(jacobian)[2][len(jacobian) :]
         servo, speed, rows = plan.system.base.servo, max_speeds(plan), list(model.rows)
-        half_range = 0.5 * np.array([float(each.upper) - float(each.lower) for each in plan.inputs])
+        half_range = 0.5 * np.diff(plan.limits, axis=0)[0]
         acceleration = speed / (_SPEED_TIME * plan.first_period)
         acceleration[: servo.max_speed.shape[0]] = servo.max_acceleration
         return ControlDesignModel(
@@ -168,7 +168,6 @@ def max_speeds(plan: AssembledScenario) -> PerInput:
     An input without a limit may pass its range in most of the arm's first period.
     """
     servo = plan.system.base.servo
-    speed = np.array([float(each.upper) - float(each.lower) for each in plan.inputs])
-    speed /= _RANGE_TIME * plan.first_period
+    speed = np.diff(plan.limits, axis=0)[0] / (_RANGE_TIME * plan.first_period)
     speed[: servo.max_speed.shape[0]] = servo.max_speed
     return speed

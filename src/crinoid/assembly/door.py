@@ -133,10 +133,8 @@ def check_controller(
     found = _trace(name, controller, "estimate", (memory,))
     if found is None:
         return
-    axes, name = (
-        next(n for n, pose in POSE.items() if len(pose) == seen.measured.size),
-        f"{name} estimate",
-    )
+    name = f"{name} estimate"
+    axes = next(n for n, pose in POSE.items() if len(pose) == seen.measured.size)
     text = f"returned {type(found).__name__}; must return a crinoid.control.Estimate or None"
     require(isinstance(found, Estimate), name, text)
     shapes = {"tip": seen.measured.shape, "position": (nodes, axes), "flow_velocity": (axes,)}

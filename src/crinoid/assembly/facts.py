@@ -126,15 +126,13 @@ class Facts:
     @cached_property
     def frequencies(self) -> Float[np.ndarray, " mode"]:
         """Natural frequencies of bending in water, slowest first (Hz); an estimate."""
-        clamped = self.scenario.base.mount == "clamped"
-        taper = self.radii[1] / self.radii[0]
         return bending_frequencies(
             self.length,
             self.bending,
             self.swung,
-            taper=taper,
+            taper=self.radii[1] / self.radii[0],
             linear=self.scenario.arm.section.EI is not None,
-            clamped=clamped,
+            clamped=self.scenario.base.mount == "clamped",
             tip=self.tip,
         )
 

@@ -41,10 +41,8 @@ class Observables:
         inputs, channels = system.inputs, system.base.servo.lower.size
         driven = [row for row, each in enumerate(inputs) if float(each.lower) < each.upper]
         if not driven:
-            text = (
-                "none of the inputs can move. Give a channel a range, or add a chamber or a tendon."
-            )
-            raise refusal("base.channels", text)
+            hint = "Give a channel a range, or add a chamber or a tendon."
+            raise refusal("base.channels", f"none of the inputs can move. {hint}")
         moved = scenario.base.moved(scenario.arm.dimension)
         self.axes, self.driven = scenario.arm.dimension, driven
         self.observation = Observation(
@@ -54,7 +52,7 @@ class Observables:
             driven=tuple(driven),
             servos=tuple(row for row in driven if row < channels),
             carried=tuple(k for k, each in enumerate(inputs[:channels]) if each.name in moved),
-            ahead=plan.target is not None and plan.target.path is not None,
+            ahead=plan.target.path is not None,
         )
         """Observation of a controller's input."""
         self.actions = tuple(map(_limited, [inputs[row] for row in driven]))

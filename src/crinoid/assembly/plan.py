@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -125,11 +125,11 @@ class AssembledScenario:
     system: System
     state: State
     jacobian: Float[Array, "pose input"] | None
-    sensors: tuple[Sensor, ...] = ()
-    target: Target | None = None
-    current: tuple[float, ...] = ()
-    recordings: Mapping[int, Recording] = field(default_factory=dict)
-    first_period: float = 1.0
+    sensors: tuple[Sensor, ...]
+    target: Target
+    current: tuple[float, ...]
+    recordings: Mapping[int, Recording]
+    first_period: float
 
     def check_names(self) -> None:
         """Refuse two sensors, or two inputs, of one name."""
@@ -149,6 +149,12 @@ class AssembledScenario:
     def inputs(self) -> tuple[Input, ...]:
         """The inputs that the controller commands."""
         return self.system.inputs
+
+    @property
+    def limits(self) -> Float[np.ndarray, "2 input"]:
+        """Smallest and largest command of each input, in its unit."""
+        pairs = [(float(each.lower), float(each.upper)) for each in self.inputs]
+        return np.reshape(pairs, (-1, 2)).T
 
     @property
     def controlled(self) -> tuple[list[int], Float[np.ndarray, " coordinate"]]:

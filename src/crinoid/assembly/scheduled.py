@@ -71,7 +71,6 @@ def build_scheduled(plan: AssembledScenario) -> ScheduledMpc:
 def _way(plan: AssembledScenario) -> Float[np.ndarray, "look pose"]:
     """Return poses of the target over the run."""
     target = plan.target
-    assert target is not None
     end = plan.scenario.simulation.duration
     if target.path is None:
         return np.asarray(target.fixed)[None]
@@ -85,10 +84,7 @@ def _turn_for(
     """Return how far the base is to be turned for a pose of the tip, as a model says."""
     rows = list(local.controller.rows)
     around = _commands(plan, local.turn)
-    lower, upper = (
-        array((np.array([float(getattr(each, end)) for each in plan.inputs]) - around)[rows])
-        for end in ("lower", "upper")
-    )
+    lower, upper = map(array, (plan.limits - around)[:, rows])
     found = _commands_at(local.controller, local.turned, array(pose)[None], lower, upper)
     around[rows] += np.clip(np.asarray(found[0][0]), lower, upper)
     return around[_turning(plan)]
@@ -143,9 +139,8 @@ def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
         np.eye(moving.size) - parts.move[np.ix_(moving, moving)],
         (parts.held + parts.driven)[moving],
     )
-    return _LocalController(
-        turn, controller, _rotation_correction(plan, system, design), standing_still
-    )
+    turned = _rotation_correction(plan, system, design)
+    return _LocalController(turn, controller, turned, standing_still)
 
 
 def _rotation_correction(
@@ -156,10 +151,8 @@ def _rotation_correction(
     axes, none = base.axes, jnp.zeros(base.servo.lower.shape[0])
     size = plan.sensors[0].noise.shape[0]
     pose = design.observer.values[:size]
-    assert plan.target is not None
-    place = plan.target.to_frame(
-        jnp.zeros(size).at[:axes].set(system.forces.origin), plan.state.time
-    )
+    root = jnp.zeros(size).at[:axes].set(system.forces.origin)
+    place = plan.target.to_frame(root, plan.state.time)
     free = RigidRotationCorrection(
         base, pose[:axes] - place[:axes], pose[axes:], jnp.zeros((size, none.size))
     )
@@ -178,7 +171,7 @@ def _stack(plan: AssembledScenario, found: list[_LocalController]) -> ScheduledM
         largest = np.max([one.shape for one in each], axis=0).astype(int)
         whole = np.zeros((len(each), *largest), each[0].dtype)
         for row, one in enumerate(each):
-            whole[(row, *map(slice, one.shape))] = one
+            whole[(slice(row, row + 1), *map(slice, one.shape))] = one
         return jax.device_put(whole)
 
     return ScheduledMpc(

@@ -78,9 +78,8 @@ def tool_notes(tool: Tool | None, grip: GripState | None) -> list[str]:
         if dropped == (np.inf if tool.until is None else tool.until):
             found.append(f"no touch released the tool: {touched} {part} while the tip had it")
         else:
-            found.append(
-                f"the tip released the tool at t = {dropped:.6g} s, when it touched {touched}"
-            )
+            then = f"at t = {dropped:.6g} s, when it touched {touched}"
+            found.append(f"the tip released the tool {then}")
     return found
 
 

@@ -324,9 +324,8 @@ class Session(SteppedRun):
             "control.compare": self.scenario.control.compare,
         }
         if described.with_values(values) != self.scenario:
-            raise refusal(
-                "resume", "got a result of another scenario", "be of a session of this one"
-            )
+            text = "got a result of another scenario"
+            raise refusal("resume", text, "be of a session of this one")
         first = dataset_builder(self._setup)(one_instant(self.record()), None)
         self.state, kept = resume_state(earlier, self.state, first, self._stride)
         self._spent = earlier.dataset.attrs["wall_time"]
