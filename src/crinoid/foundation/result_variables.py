@@ -33,7 +33,7 @@ class Variable(NamedTuple):
     of: Of | None = None
     """Its computation; None if in ``diagnostics.dimensionless`` or ``results.signals``."""
     where: str = ""
-    """Parts of a scenario that results with it have, such as "plane hull"; empty for all."""
+    """Words of what a result must have for it, such as "vehicle plane"; empty for all."""
     more: str = ""
     """Addition to the meaning in the documentation."""
     extra: Mapping[str, str] = {}
