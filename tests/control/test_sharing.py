@@ -156,7 +156,19 @@ def plan(described, jacobian):
     prepared = Prepared(described)
     system = prepared.system
     state = jax.eval_shape(system.rest)  # nobody looks at it
-    return AssembledScenario(described, prepared.parameters, system, state, jnp.asarray(jacobian))
+    tip = jnp.zeros(3)
+    return AssembledScenario(
+        described,
+        prepared.parameters,
+        system,
+        state,
+        jnp.asarray(jacobian),
+        prepared.sensors,
+        prepared.target(tip),
+        prepared.facts.mean_current,
+        prepared.recordings,
+        prepared.facts.period,
+    )
 
 
 JACOBIAN = np.array(

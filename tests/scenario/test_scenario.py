@@ -12,15 +12,11 @@ import numpy as np
 import pytest
 
 from crinoid.scenario import (
-    Arm,
-    Base,
-    Capsule,
     DistributedLoad,
     Plane,
     Scenario,
     ScenarioError,
     Simulation,
-    TableMotion,
     Target,
     TipLoad,
     UniformFlow,
@@ -31,7 +27,11 @@ from crinoid.scenario import (
     library,
     load,
 )
+from crinoid.scenario.arm import Arm
+from crinoid.scenario.base import Base
+from crinoid.scenario.base_motion import TableMotion
 from crinoid.scenario.document import anchor, parse
+from crinoid.scenario.obstacle import Capsule
 from crinoid.scenario.quantity import unit_vector
 from helpers.refusals import mistake, refused, written_and_answered
 

@@ -26,8 +26,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Reading, Target
 from crinoid.dynamics import State
-from crinoid.scenario import ScenarioError
-from crinoid.scenario.errors import got
+from crinoid.scenario.errors import got, refusal
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.loop_margin import INDENTED, OpenLoop, around
 from crinoid.simulation.setup import Setup, set_up
@@ -130,13 +129,13 @@ def linear_loop(prepared: Prepared) -> LinearLoop:
     """Return the loop of a scenario about the state in which its arm starts."""
     control = prepared.scenario.control
     if not control.acts:
-        raise ScenarioError.of("control.kind", got("none", 'be a controller, such as "pid"'))
+        raise refusal("control.kind", got("none", 'be a controller, such as "pid"'))
     setup = set_up(prepared)
     plant = LinearPlant.of(setup)
     controller = linear_controller(setup.loop, setup.state, plant.period)
     if not all(np.isfinite(part).all() for part in controller):
         text = got(control.kind, "be a controller with derivatives where the arm is at rest")
-        raise ScenarioError.of("control.kind", text)
+        raise refusal("control.kind", text)
     return plant.closed(controller)
 
 

@@ -16,8 +16,7 @@ from scipy.linalg import block_diag, schur, solve_triangular
 
 from crinoid.assembly.arrays import array
 from crinoid.assembly.linear import linearised
-from crinoid.scenario import ScenarioError
-from crinoid.scenario.errors import got
+from crinoid.scenario.errors import got, refusal
 from crinoid.simulation.loop_margin import age
 from crinoid.simulation.setup import Setup
 
@@ -91,7 +90,7 @@ class SampledPlant(NamedTuple):
         """
         if not setup.outcome.converged:
             text = got("equilibrium", 'be "rest" where the arm has no equilibrium')
-            raise ScenarioError.of("simulation.start", text)
+            raise refusal("simulation.start", text)
         loop = setup.loop
         step = float(loop.system.time_step)
         count = max(1, round(float(loop.clock.period) / step))
@@ -100,7 +99,7 @@ class SampledPlant(NamedTuple):
         A, B, C = (np.asarray(part) for part in (found.A, found.B, found.C))
         if not all(np.isfinite(part).all() for part in (A, B, C)):
             text = "got a start from which no time step converges; must be one near an equilibrium"
-            raise ScenarioError.of("simulation.start", text)
+            raise refusal("simulation.start", text)
         water = [np.asarray(part).sum(axis=1) for part in (found.stirred, found.hastened)]
         followers, commands = found.actuators.shape[0], B.shape[1]
         stirred = np.pad(np.concatenate(water, axis=1), ((0, followers), (0, 0)))

@@ -25,8 +25,8 @@ from crinoid.dynamics.tangent import LineStiffness
 from crinoid.foundation.status import Status
 from crinoid.results.dataset import coordinates, describe, described
 from crinoid.results.dimensionless import bending
-from crinoid.scenario import Scenario, ScenarioError
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario
+from crinoid.scenario.errors import got, refusal
 from crinoid.scenario.library import Source
 
 MODES = "modes.nc"
@@ -102,7 +102,7 @@ def find_vibrations(
     most = (scenario.arm.nodes - 1) * (2 if scenario.arm.dimension == 2 else 4)
     if not 1 <= count <= most:
         text = got(count, f"be 1 to {most}, the degrees of freedom of {scenario.arm.nodes} nodes")
-        raise ScenarioError.of("--count", text)
+        raise refusal("--count", text)
     current = prepared.facts.mean_current
     found: dict[str, Vibration] = {}
     troubles = []

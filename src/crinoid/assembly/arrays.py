@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import equinox as eqx
@@ -17,8 +17,7 @@ from crinoid.flow import Flow, MeasuredPoint, MeasuredProfile
 from crinoid.flow.flow import panels_of
 from crinoid.numerics.piecewise import PiecewisePolynomial, between
 from crinoid.numerics.ramp import Onset
-from crinoid.scenario import FlowTable, Load, LoadTable, Scenario, ScenarioError
-from crinoid.scenario.errors import got
+from crinoid.scenario import FlowTable, Load, LoadTable, Scenario, got, refusal
 from crinoid.scenario.model import Model
 
 if TYPE_CHECKING:
@@ -47,6 +46,11 @@ def from_table(group: type[_Group], table: Model, **others: Any) -> _Group:
     """
     keys = [field.name for field in dataclasses.fields(group) if field.name not in others]
     return group(**{key: array_of_plain(getattr(table, key)) for key in keys}, **others)
+
+
+def from_tables(tables: Sequence[Model], *keys: str) -> dict[str, Array]:
+    """Return an array of the numbers of tables by key, 0 of a table without one."""
+    return {key: array([getattr(each, key, None) or 0.0 for each in tables]) for key in keys}
 
 
 def onset(table: LoadTable | FlowTable) -> Onset:
@@ -87,7 +91,7 @@ def load_numbers(load: Load, index: int, scenario: Scenario) -> tuple[Builder, N
         for key in ("start", "ramp_time", "stop"):
             if value := getattr(load, key):
                 hint = f"Kind {load.kind} has no onset: its build does not return load_onset(self)."
-                raise ScenarioError.of(f"load.{index}.{key}", got(value, "be left out", hint))
+                raise refusal(f"load.{index}.{key}", got(value, "be left out", hint))
     return builder, {name: array_of_plain(value) for name, value in numbers.items()}
 
 

@@ -16,6 +16,7 @@ from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_prese
 from crinoid.numerics.ramp import Onset
 from crinoid.scenario import Scenario
 from crinoid.scenario import base_motion as motions
+from crinoid.scenario.base import ChannelLimits
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -53,30 +54,25 @@ class BaseParameters(eqx.Module):
 
 def _servo(scenario: Scenario) -> Servo:
     # a channel that nobody drives has no room to move and any limits
+    still, present = ChannelLimits(0.0, 0.0, 1.0, 1.0, 1.0), scenario.base.channels.present
     channels = CHANNELS[scenario.arm.dimension]
-    lower, upper, speed, acceleration, bandwidth = np.array(
-        [[number] * len(channels) for number in (0.0, 0.0, 1.0, 1.0, 1.0)]
-    )
-    for name, channel in scenario.base.channels.present.items():
-        index = channels.index(name)
-        limits = channel.limits
-        lower[index], upper[index] = limits.low, limits.high
-        speed[index], acceleration[index] = limits.speed, limits.acceleration
-        bandwidth[index] = limits.bandwidth_hz
-    return Servo(*map(array, (lower, upper, speed, acceleration, bandwidth)))
+    limits = [present[name].limits if name in present else still for name in channels]
+    return Servo(*map(array, np.transpose(limits)))
 
 
 def _motions(
     motion: motions.Motion, scenario: Scenario, series: Series | None
 ) -> Iterator[BaseMotion]:
     axes, duration = scenario.arm.dimension, scenario.simulation.duration
-    if isinstance(motion, motions.VesselMotion):
+    channels = CHANNELS[axes]
+    if isinstance(motion, motions.InFile):
         assert series is not None
-        for index, values in enumerate(series.values.T):
-            curve = _curve(series.time, values, motion.interpolation)
-            yield TableMotion(index, PiecewisePolynomial(between(curve, 0.0, duration)))
+        for name, values in zip(motion.moved(axes), series.values.T, strict=True):
+            # of a long record
+            curve = between(_curve(series.time, values, motion.interpolation), 0.0, duration)
+            yield TableMotion(channels.index(name), PiecewisePolynomial(curve))
         return
-    channel = CHANNELS[axes].index(motion.channel)
+    channel = channels.index(motion.channel)
     match motion:
         case motions.SineMotion():
             phase = array(np.deg2rad(motion.phase_deg))
@@ -86,14 +82,8 @@ def _motions(
             yield VelocityMotion(channel, onset, array(motion.velocity_si))
         case motions.TableMotion():
             time, value = np.asarray(motion.time), np.asarray(motion.value_si)
-            yield TableMotion(
-                channel, PiecewisePolynomial(_curve(time, value, motion.interpolation))
-            )
-        case motions.FileMotion():
-            assert series is not None
-            curve = _curve(series.time, series.values[:, 0], motion.interpolation)
-            # of a long record
-            yield TableMotion(channel, PiecewisePolynomial(between(curve, 0.0, duration)))
+            curve = _curve(time, value, motion.interpolation)
+            yield TableMotion(channel, PiecewisePolynomial(curve))
 
 
 def _curve(

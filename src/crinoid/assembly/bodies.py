@@ -11,11 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array, from_table
-from crinoid.dynamics import (
-    GripTriggers,
-    Thrusters,
-    Vehicle,
-)
+from crinoid.dynamics import GripTriggers, Thrusters, Vehicle
 from crinoid.elements import Ball, Tool
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
@@ -131,15 +127,11 @@ class VehicleParameters(eqx.Module):
     def vehicle(self, density: Array, gravity: Array) -> Vehicle:
         """Build the vehicle in water of a density (kg/m3); traceable."""
         axes = self.offset.size
-        turns = 1 if axes == 2 else 3
-        added_mass, drag_area = (
-            jnp.broadcast_to(values, (axes,)) for values in (self.added_mass, self.drag_area)
-        )
-        inertia, added_inertia, angular_drag = (
-            jnp.broadcast_to(values, (turns,))
-            for values in (self.inertia, self.added_inertia, self.angular_drag)
-        )
-        linear, angular_linear = self.linear_drag, self.angular_linear_drag
+        along, about = (axes,), (1 if axes == 2 else 3,)
+        added_mass = jnp.broadcast_to(self.added_mass, along)
+        inertia = jnp.broadcast_to(self.inertia, about)
+        added_inertia = jnp.broadcast_to(self.added_inertia, about)
+        linear, turning = self.linear_drag, self.angular_linear_drag
         moved, turned = self.mass + added_mass, inertia + added_inertia
         rate = 2 * jnp.pi * self.bandwidth
         if self.volume is None:
@@ -152,8 +144,8 @@ class VehicleParameters(eqx.Module):
             displaced=displaced,
             added_mass=added_mass,
             added_inertia=added_inertia,
-            drag=0.5 * density * drag_area,
-            angular_drag=angular_drag,
+            drag=0.5 * density * jnp.broadcast_to(self.drag_area, along),
+            angular_drag=jnp.broadcast_to(self.angular_drag, about),
             metacentric_height=self.metacentric_height,
             gravity=gravity,
             offset=self.offset,
@@ -165,8 +157,6 @@ class VehicleParameters(eqx.Module):
                 max_force=self.max_force,
                 max_moment=self.max_moment,
             ),
-            linear_drag=None if linear is None else jnp.broadcast_to(linear, (axes,)),
-            angular_linear_drag=None
-            if angular_linear is None
-            else jnp.broadcast_to(angular_linear, (turns,)),
+            linear_drag=None if linear is None else jnp.broadcast_to(linear, along),
+            angular_linear_drag=None if turning is None else jnp.broadcast_to(turning, about),
         )

@@ -20,9 +20,8 @@ from crinoid.assembly.observer import (
 from crinoid.assembly.observer_outputs import tangent
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Shape, damped_inverse
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
+from crinoid.scenario import Scenario, one_of, refusal, shown
 from crinoid.scenario.controller import ModelBased
-from crinoid.scenario.errors import shown
 
 PerInput = Float[np.ndarray, " u"]
 
@@ -75,7 +74,7 @@ def inputs_of(scenario: Scenario, settings: ModelBased, kind: str) -> tuple[str,
     there = scenario.inputs
     if missing := [name for name in settings.inputs or () if name not in there]:
         text = f"got {shown(missing[0])}; must be among {one_of(there, 'and')}"
-        raise ScenarioError([Mistake(f"control.{kind}.inputs", text)])
+        raise refusal(f"control.{kind}.inputs", text)
     return settings.inputs or there
 
 
@@ -143,10 +142,10 @@ class ControlDesignModel(NamedTuple):
         integrating, jacobian = (ways[:, moves].T @ each for each in (integrating, jacobian))
         if not moves.any():
             text = "the driven inputs move no controlled coordinate of the tip"
-            raise ScenarioError([Mistake(f"control.{scenario.control.kind}", text)])
+            raise refusal(f"control.{scenario.control.kind}", text)
         spare = np.linalg.svd(jacobian)[2][len(jacobian) :]
         servo, speed, rows = plan.system.base.servo, max_speeds(plan), list(model.rows)
-        half_range = 0.5 * np.array([float(each.upper) - float(each.lower) for each in plan.inputs])
+        half_range = 0.5 * np.diff(plan.limits, axis=0)[0]
         acceleration = speed / (_SPEED_TIME * plan.first_period)
         acceleration[: servo.max_speed.shape[0]] = servo.max_acceleration
         return ControlDesignModel(
@@ -169,7 +168,6 @@ def max_speeds(plan: AssembledScenario) -> PerInput:
     An input without a limit may pass its range in most of the arm's first period.
     """
     servo = plan.system.base.servo
-    speed = np.array([float(each.upper) - float(each.lower) for each in plan.inputs])
-    speed /= _RANGE_TIME * plan.first_period
+    speed = np.diff(plan.limits, axis=0)[0] / (_RANGE_TIME * plan.first_period)
     speed[: servo.max_speed.shape[0]] = servo.max_speed
     return speed

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, NoReturn
 
 from crinoid.foundation.version import __version__
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import ScenarioError, refusal
 from crinoid.scenario.scenario import AT_REST
 
 KEY = "control.neural.weights"
@@ -93,4 +93,4 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 
 def refuse(path: Path, text: str) -> NoReturn:
     """Refuse a file."""
-    raise ScenarioError([Mistake(KEY, f"{path}: {text}")])
+    raise refusal(KEY, f"{path}: {text}")

@@ -23,7 +23,7 @@ from crinoid.elements.element import ENERGIES, WORKS
 from crinoid.flow import Flow
 from crinoid.flow.flow import Jet
 from crinoid.foundation.axes import POSE
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import ScenarioError, refusal
 from crinoid.scenario.kinds import is_own
 
 _LIBRARIES = {"crinoid", "jax", "jaxlib", "equinox", "jaxtyping", "beartype", "numpy"}
@@ -44,7 +44,7 @@ def expect(part: Any, base: type, name: str) -> Any:
 def require(condition: object, name: str, text: str) -> None:
     """Refuse a part unless a condition is met."""
     if not condition:
-        raise ScenarioError([Mistake(name, text)])
+        raise refusal(name, text)
 
 
 def build_part(
@@ -135,10 +135,8 @@ def check_controller(
     found = _trace(name, controller, "estimate", (memory,))
     if found is None:
         return
-    axes, name = (
-        next(n for n, pose in POSE.items() if len(pose) == seen.measured.size),
-        f"{name} estimate",
-    )
+    name = f"{name} estimate"
+    axes = next(n for n, pose in POSE.items() if len(pose) == seen.measured.size)
     text = f"returned {type(found).__name__}; must return a crinoid.control.Estimate or None"
     require(isinstance(found, Estimate), name, text)
     shapes = {"tip": seen.measured.shape, "position": (nodes, axes), "flow_velocity": (axes,)}
@@ -180,7 +178,7 @@ def _call(name: str, function: Callable[..., Any], /, *given: Any, **more: Any) 
     except ScenarioError:
         raise
     except Exception as error:  # any mistake of the part
-        raise ScenarioError([Mistake(name, _cause(error))]) from error
+        raise refusal(name, _cause(error)) from error
 
 
 def _cause(error: Exception) -> str:

@@ -20,7 +20,7 @@ from crinoid.scenario import (
     TurbulenceFlow,
     UniformFlow,
 )
-from crinoid.scenario.base_motion import FileMotion, VesselMotion
+from crinoid.scenario.base_motion import InFile, VesselMotion
 from crinoid.scenario.flow import Flow
 
 if TYPE_CHECKING:
@@ -125,15 +125,13 @@ class Facts:
     @cached_property
     def frequencies(self) -> Float[np.ndarray, " mode"]:
         """Natural frequencies of bending in water, slowest first (Hz); an estimate."""
-        clamped = self.scenario.base.mount == "clamped"
-        taper = self.radii[1] / self.radii[0]
         return bending_frequencies(
             self.length,
             self.bending,
             self.swung,
-            taper=taper,
+            taper=self.radii[1] / self.radii[0],
             linear=self.scenario.arm.section.EI is not None,
-            clamped=clamped,
+            clamped=self.scenario.base.mount == "clamped",
             tip=self.tip,
         )
 
@@ -183,9 +181,7 @@ class Facts:
         duration = self.scenario.simulation.duration
         carried = [
             # the file is not read here
-            math.inf
-            if isinstance(motion, (FileMotion, VesselMotion))
-            else motion.farthest(duration)
+            math.inf if isinstance(motion, InFile) else motion.farthest(duration)
             for motion in base.motion
             if isinstance(motion, VesselMotion) or motion.channel not in ANGLES
         ]

@@ -9,19 +9,11 @@ from jaxtyping import Array, Float
 
 from crinoid.assembly.arrays import array, from_table
 from crinoid.base import Base
-from crinoid.dynamics import (
-    FarEdges,
-    Hull,
-    Vehicle,
-    far_edges,
-    first_far_edge,
-)
-from crinoid.elements import (
-    HullContact,
-)
+from crinoid.dynamics import FarEdges, Hull, Vehicle, far_edges, first_far_edge
+from crinoid.elements import HullContact
 from crinoid.foundation.axes import CHANNEL_TABLE
 from crinoid.rod import Rod
-from crinoid.scenario import Mistake, Scenario, ScenarioError, got
+from crinoid.scenario import Scenario, got, refusal
 
 
 class SelfContactParameters(eqx.Module):
@@ -42,7 +34,7 @@ class SelfContactParameters(eqx.Module):
             if scenario.hull is not None:
                 return SelfContactParameters(array(scenario.contact.friction), None)
             hint = "The arm is too short for its radius to turn back and touch itself."
-            raise ScenarioError([Mistake("contact.self", got(True, "be false", hint))])
+            raise refusal("contact.self", got(True, "be false", hint))
         return SelfContactParameters(array(scenario.contact.friction), beyond)
 
     def far_edges(self, rod: Rod) -> tuple[FarEdges, ...]:
@@ -73,7 +65,7 @@ class HullParameters(eqx.Module):
         first = first_far_edge(*_edges(scenario), _retraction(scenario))
         if first == scenario.arm.nodes - 1:
             must = "be left out for an arm too short to turn back to it"
-            raise ScenarioError([Mistake("vehicle.hull", got(scenario.hull, must))])
+            raise refusal("vehicle.hull", got(scenario.hull, must))
         return from_table(HullParameters, scenario.hull, first_edge=first)
 
     def hull(

@@ -19,7 +19,7 @@ from crinoid.dynamics import SmallMotions, System
 from crinoid.dynamics.modes import of_free
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.elements import Weight
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import refusal
 from crinoid.scenario.base import ChannelLimits
 from crinoid.scenario.sensor import inclination_sensor
 
@@ -88,9 +88,8 @@ def build_hybrid(plan: AssembledScenario) -> Hybrid:
     # the arm leans forward by what its modes move forward along an edge: inclinations fall
     slopes = -np.diff(upright.shape, axis=0) / lengths[:, None]
     middles = (np.cumsum(lengths) - lengths / 2) / length
-    to_modes = np.linalg.pinv(
-        np.stack([np.interp(sensor.stations, middles, slope) for slope in slopes.T], axis=1)
-    )
+    seen = [np.interp(sensor.stations, middles, slope) for slope in slopes.T]
+    to_modes = np.linalg.pinv(np.stack(seen, axis=1))
     noise = max(_NOISE, math.radians(sensor.noise_deg))
     servo = system.base.servo.natural[0]
     try:
@@ -102,14 +101,14 @@ def build_hybrid(plan: AssembledScenario) -> Hybrid:
         )
     except (np.linalg.LinAlgError, ValueError) as error:
         text = f'got "hybrid", but no slide balances this arm upright ({error})'
-        raise ScenarioError([Mistake("control.kind", text)]) from error
+        raise refusal("control.kind", text) from error
     mass = upright.mass.sum()
     pendulum = Pendulum(
         sampled=array(slopes @ to_modes),
         length=array(lengths),
         mass=array(upright.mass),
         weight=array(heavy),
-        stiffness=array(np.asarray(bend.stiffness).reshape(-1)),
+        stiffness=bend.stiffness[:, 0],
     )
     return Hybrid(
         pendulum=pendulum,
@@ -153,9 +152,8 @@ def _about_upright(system: System) -> SmallMotions:
     above = jnp.cumsum(_weight(system).force[::-1])[::-1][1:]  # what each edge carries (N)
     edges = stretch.rest_length * (1 - above / stretch.EA)
     height = jnp.concatenate([jnp.stack([-system.base.ghost_length, 0.0]), jnp.cumsum(edges)])
-    rows = state.motion.position.at[: height.size].set(
-        jnp.stack([jnp.zeros_like(height), height], axis=1)
-    )
+    straight = jnp.stack([jnp.zeros_like(height), height], axis=1)
+    rows = state.motion.position.at[: height.size].set(straight)
     upright = eqx.tree_at(lambda s: s.motion.position, state, rows)
     return system.small_motions(upright, jnp.zeros(2))
 

@@ -103,16 +103,12 @@ def linear_model(
     """
     current, steeper = calm_current(np.array(plan.current, float), deviation)
     outputs = (*plan.sensors, replace(plan.sensors[0], measurand=_NodePositions()))
-    found, values, at_rest = jax.tree.map(
-        np.asarray, linearised(plan.system, plan.state, array(current), outputs)
-    )
+    given = linearised(plan.system, plan.state, array(current), outputs)
+    found, values, at_rest = jax.tree.map(np.asarray, given)
     readings = sum(sensor.noise.shape[0] for sensor in plan.sensors)
     seen, positions = np.split(found.observed_arm, [readings])
     rows = plan.rows(driven)
-    lower, upper = (
-        np.array([float(getattr(plan.inputs[row], end)) for row in rows])
-        for end in ("lower", "upper")
-    )
+    lower, upper = plan.limits[:, rows]
     usual = _USUAL * (upper - lower)
     commanded, actuators = found.commanded[:, rows], found.actuators
     # without clocks and inputs that are not driven

@@ -21,7 +21,7 @@ from crinoid.control import Neural, Observation
 from crinoid.control.neural import Dense, Policy
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.axes import AXES, POSE
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import ScenarioError, refusal
 
 
 class Entry(NamedTuple):
@@ -41,10 +41,8 @@ class Observables:
         inputs, channels = system.inputs, system.base.servo.lower.size
         driven = [row for row, each in enumerate(inputs) if float(each.lower) < each.upper]
         if not driven:
-            text = (
-                "none of the inputs can move. Give a channel a range, or add a chamber or a tendon."
-            )
-            raise ScenarioError([Mistake("base.channels", text)])
+            hint = "Give a channel a range, or add a chamber or a tendon."
+            raise refusal("base.channels", f"none of the inputs can move. {hint}")
         moved = scenario.base.moved(scenario.arm.dimension)
         self.axes, self.driven = scenario.arm.dimension, driven
         self.observation = Observation(
@@ -54,7 +52,7 @@ class Observables:
             driven=tuple(driven),
             servos=tuple(row for row in driven if row < channels),
             carried=tuple(k for k, each in enumerate(inputs[:channels]) if each.name in moved),
-            ahead=plan.target is not None and plan.target.path is not None,
+            ahead=plan.target.path is not None,
         )
         """Observation of a controller's input."""
         self.actions = tuple(map(_limited, [inputs[row] for row in driven]))
@@ -114,7 +112,7 @@ def _limited(given: Input) -> Entry:
     lower, upper = float(given.lower), float(given.upper)
     if not np.isfinite([lower, upper]).all():
         text = f"got commands from {lower:g} to {upper:g} {given.unit}; must have finite limits"
-        raise ScenarioError([Mistake(given.name, text)])
+        raise refusal(given.name, text)
     return Entry(given.name, given.unit, lower, upper)
 
 
@@ -177,11 +175,11 @@ def build_neural(plan: AssembledScenario) -> Neural:
     ):
         if wanted != there:
             text = f"{weights}: it {words} {_listed(wanted)}; here there are {_listed(there)}"
-            raise ScenarioError([Mistake(KEY, text)])
+            raise refusal(KEY, text)
     here = plan.scenario.control_rate_hz
     if abs(description.rate_hz - here) > _SAME * here:
         text = f"got {here:g}; must be {description.rate_hz:g}, as {weights} was trained"
-        raise ScenarioError([Mistake("control.rate_hz", text)])
+        raise refusal("control.rate_hz", text)
     return Neural(observables.observation, policy)
 
 

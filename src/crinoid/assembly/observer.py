@@ -218,11 +218,9 @@ class ReadingNoise(NamedTuple):
                 local[rows] = _LOCAL * parts.usual[rows].max()
         noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
         values = values_in_current(plan.sensors, model.values, np.array(plan.current, float))
-        assert plan.target is not None
         values[: sizes[0]] = plan.target.to_frame(array(values[: sizes[0]]), plan.state.time)
-        return ReadingNoise(
-            tuple(sizes), np.maximum(noise, 1e-16 * max(noise.max(), 1e-300)), values
-        )
+        least = 1e-16 * max(noise.max(), 1e-300)
+        return ReadingNoise(tuple(sizes), np.maximum(noise, least), values)
 
 
 def values_in_current(

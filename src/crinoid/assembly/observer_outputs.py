@@ -48,7 +48,6 @@ def observer_outputs(
     its change. Between root and tip the shape has an offset as well, that nothing observes.
     """
     target, time = plan.target, plan.state.time
-    assert target is not None
     axes, size, states = plan.scenario.arm.dimension, parts.tip.shape[0], covariance.shape[0]
 
     def widened(by_state: Matrix) -> Matrix:

@@ -11,11 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.assembly.arrays import array
-from crinoid.dynamics import (
-    FreeBodies,
-    Obstacles,
-)
+from crinoid.assembly.arrays import array, from_tables
+from crinoid.dynamics import FreeBodies, Obstacles
 from crinoid.elements import (
     Ball,
     Bed,
@@ -86,14 +83,12 @@ class ObstacleParameters(eqx.Module):
         turns, poles = 1 if still.size == 2 else 3, {"cylinder": 2 * ENDLESS}
         free = tuple(index for index, obstacle in enumerate(obstacles) if obstacle.free)
         return ObstacleParameters(
+            **from_tables(obstacles, "radius", "metacentric_height"),
+            **from_tables(obstacles, "friction", "rolling_friction", "spinning_friction"),
             position=array([o.position for o in obstacles]),
             velocity=array([still if drift == "flow" else drift for drift in drifts]),
-            radius=array([getattr(o, "radius", 0.0) for o in obstacles]),
             axis=array([unit_vector(getattr(o, "axis", (0.0, 1.0, 0.0))) for o in obstacles]),
             normal=array([o.out for o in obstacles]),
-            friction=array([o.friction for o in obstacles]),
-            rolling_friction=array([o.rolling_friction for o in obstacles]),
-            spinning_friction=array([o.spinning_friction for o in obstacles]),
             mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
             length=array([getattr(o, "length", poles.get(o.kind, 0.0)) for o in obstacles]),
             inertia=tuple(
@@ -102,7 +97,6 @@ class ObstacleParameters(eqx.Module):
             ),
             spin=array([np.broadcast_to(getattr(o, "spin", 0.0), turns) for o in obstacles]),
             surfaces=tuple(each and _surface(each, edge) for each in found) if any(found) else (),
-            metacentric_height=array([getattr(o, "metacentric_height", 0.0) for o in obstacles]),
             free=free,
             carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
             pairs=_pairs(obstacles, free),

@@ -15,7 +15,7 @@ from crinoid.assembly.control_design import ControlDesignModel
 from crinoid.assembly.forecast import SHAPES, carried_water, known_water
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Braking, Forecast, HorizonQp, Lqg, Mpc, WaterVelocity
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import refusal
 
 Matrix = Float[np.ndarray, "_ _"]
 
@@ -132,7 +132,7 @@ def build_lqg(plan: AssembledScenario) -> Lqg:
         ]
     except np.linalg.LinAlgError as error:  # of the Riccati equations
         text = f'got "lqg", but no gain exists for this arm ({error}). Choose another kind.'
-        raise ScenarioError([Mistake("control.kind", text)]) from error
+        raise refusal("control.kind", text) from error
     gains, by_aim, curved = map(np.stack, zip(*found, strict=True))
     return Lqg(
         **design.fields(plan, looks),
@@ -201,7 +201,7 @@ def design_mpc(plan: AssembledScenario) -> tuple[Mpc, ControlDesignModel]:
         if not meters:
             text = 'got "measured"; must come with a sensor of the current: '
             text += '[[sensors]], kind = "current"'
-            raise ScenarioError([Mistake("control.mpc.current", text)])
+            raise refusal("control.mpc.current", text)
         forecast = carried_water(plan, design.model.current, looks * plan.period, meters[0])
     fields = design.fields(plan, aimed)
     if forecast is not None:  # the states of the water are its errors

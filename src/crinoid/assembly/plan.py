@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,8 +21,7 @@ from crinoid.dynamics import Outcome, State, System
 from crinoid.elements import Element
 from crinoid.flow import Flow
 from crinoid.foundation.axes import POSE
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
-from crinoid.scenario.errors import shown
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, refusal, shown
 
 if TYPE_CHECKING:
     from crinoid.recording import Recording
@@ -126,11 +125,11 @@ class AssembledScenario:
     system: System
     state: State
     jacobian: Float[Array, "pose input"] | None
-    sensors: tuple[Sensor, ...] = ()
-    target: Target | None = None
-    current: tuple[float, ...] = ()
-    recordings: Mapping[int, Recording] = field(default_factory=dict)
-    first_period: float = 1.0
+    sensors: tuple[Sensor, ...]
+    target: Target
+    current: tuple[float, ...]
+    recordings: Mapping[int, Recording]
+    first_period: float
 
     def check_names(self) -> None:
         """Refuse two sensors, or two inputs, of one name."""
@@ -150,6 +149,12 @@ class AssembledScenario:
     def inputs(self) -> tuple[Input, ...]:
         """The inputs that the controller commands."""
         return self.system.inputs
+
+    @property
+    def limits(self) -> Float[np.ndarray, "2 input"]:
+        """Smallest and largest command of each input, in its unit."""
+        pairs = [(float(each.lower), float(each.upper)) for each in self.inputs]
+        return np.reshape(pairs, (-1, 2)).T
 
     @property
     def controlled(self) -> tuple[list[int], Float[np.ndarray, " coordinate"]]:
@@ -255,7 +260,7 @@ class AssembledScenario:
         unknown = [name for name in driven if name not in names]
         if unknown:
             text = f"got {shown(unknown[0])} as an input; must be {one_of(names)}"
-            raise ScenarioError([Mistake(f"control.{self.scenario.control.kind}", text)])
+            raise refusal(f"control.{self.scenario.control.kind}", text)
         return [names.index(name) for name in driven]
 
     def _tip_response(self, rows: list[int], jacobian: Float[Array, "pose input"]) -> _TipResponse:
@@ -266,7 +271,7 @@ class AssembledScenario:
                 'got "static-jacobian", but nothing brings this arm back to rest, so its tip '
                 'does not follow the base. Set "identity", or give the arm a clamp or a weight.'
             )
-            raise ScenarioError([Mistake("control.mapping", text)])
+            raise refusal("control.mapping", text)
         return _TipResponse(rows, columns, needed, scale)
 
     def _check_use(self, names: list[str], inverse: Float[np.ndarray, "input coordinate"]) -> None:

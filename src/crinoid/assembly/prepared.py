@@ -6,9 +6,10 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from crinoid.scenario import MeasuredFlow, Mesh, Mistake, Scenario, ScenarioError, Seabed
+from crinoid.scenario import MeasuredFlow, Mesh, Scenario, Seabed
+from crinoid.scenario.base_motion import InFile
 from crinoid.scenario.document import digests
-from crinoid.scenario.errors import gathered
+from crinoid.scenario.errors import gathered, refusal
 from crinoid.scenario.library import Source, scenario_of
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ class Prepared:
     def series(self) -> dict[str, Series]:
         """The series in the files of prescribed motions and of the target, by table."""
         scenario = self.scenario
-        in_file = any(motion.kind in ("file", "vessel") for motion in scenario.base.motion)
+        in_file = any(isinstance(motion, InFile) for motion in scenario.base.motion)
         if scenario.target.file is None and not in_file:
             return {}
         _ = self.digests
@@ -216,7 +217,7 @@ def _require_text(scenario: Scenario) -> None:
         why = " ".join(str(error).split())
     if why:
         text = "got a scenario that TOML cannot hold; must read back as it was written"
-        raise ScenarioError([Mistake("", f"{text} ({why})")])
+        raise refusal("", f"{text} ({why})")
 
 
 def system(scenario: Source) -> System:

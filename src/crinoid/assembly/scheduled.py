@@ -17,7 +17,7 @@ from crinoid.assembly.optimal_control import design_mpc
 from crinoid.assembly.plan import AssembledScenario, find_state
 from crinoid.control import Mpc, RigidRotationCorrection, ScheduledMpc, commands_at
 from crinoid.dynamics import System, numbers_of
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import refusal
 
 Matrix = Float[np.ndarray, "_ _"]
 Turn = Float[np.ndarray, " angle"]
@@ -71,7 +71,6 @@ def build_scheduled(plan: AssembledScenario) -> ScheduledMpc:
 def _way(plan: AssembledScenario) -> Float[np.ndarray, "look pose"]:
     """Return poses of the target over the run."""
     target = plan.target
-    assert target is not None
     end = plan.scenario.simulation.duration
     if target.path is None:
         return np.asarray(target.fixed)[None]
@@ -85,10 +84,7 @@ def _turn_for(
     """Return how far the base is to be turned for a pose of the tip, as a model says."""
     rows = list(local.controller.rows)
     around = _commands(plan, local.turn)
-    lower, upper = (
-        array((np.array([float(getattr(each, end)) for each in plan.inputs]) - around)[rows])
-        for end in ("lower", "upper")
-    )
+    lower, upper = map(array, (plan.limits - around)[:, rows])
     found = _commands_at(local.controller, local.turned, array(pose)[None], lower, upper)
     around[rows] += np.clip(np.asarray(found[0][0]), lower, upper)
     return around[_turning(plan)]
@@ -123,7 +119,7 @@ def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
             angles = ", ".join(f"{each:.3g}" for each in np.rad2deg(turn))
             text = f"no equilibrium where the base is turned by {angles} deg on the way of the tip"
             text = f'got "scheduled", but the arm has {text}. Set "frozen".'
-            raise ScenarioError([Mistake("control.mpc.model", text)])
+            raise refusal("control.mpc.model", text)
     controller, design = design_mpc(replace(plan, system=system, state=state))
     servo = eqx.tree_at(
         lambda each: each.position,
@@ -143,9 +139,8 @@ def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
         np.eye(moving.size) - parts.move[np.ix_(moving, moving)],
         (parts.held + parts.driven)[moving],
     )
-    return _LocalController(
-        turn, controller, _rotation_correction(plan, system, design), standing_still
-    )
+    turned = _rotation_correction(plan, system, design)
+    return _LocalController(turn, controller, turned, standing_still)
 
 
 def _rotation_correction(
@@ -156,10 +151,8 @@ def _rotation_correction(
     axes, none = base.axes, jnp.zeros(base.servo.lower.shape[0])
     size = plan.sensors[0].noise.shape[0]
     pose = design.observer.values[:size]
-    assert plan.target is not None
-    place = plan.target.to_frame(
-        jnp.zeros(size).at[:axes].set(system.forces.origin), plan.state.time
-    )
+    root = jnp.zeros(size).at[:axes].set(system.forces.origin)
+    place = plan.target.to_frame(root, plan.state.time)
     free = RigidRotationCorrection(
         base, pose[:axes] - place[:axes], pose[axes:], jnp.zeros((size, none.size))
     )
@@ -169,55 +162,30 @@ def _rotation_correction(
 def _stack(plan: AssembledScenario, found: list[_LocalController]) -> ScheduledMpc:
     """Put controllers together, each with as many states as the largest: more that are zero."""
     states = max(each.standing.shape[0] for each in found)
-    integrals = max(each.controller.integrating.shape[0] for each in found)
-    every = [_pad(each, states, integrals) for each in found]
     around = np.stack([_commands(plan, each.turn) for each in found])
     turns = np.zeros(around.shape[1])
     turns[_turning(plan)] = 1.0
     channels = plan.system.base.servo.lower.shape[0]
 
-    def stack(*each: jax.Array) -> jax.Array:
-        return jax.device_put(np.stack([np.asarray(one) for one in each]))
+    def stack(*each: jax.Array | np.ndarray) -> jax.Array:
+        largest = np.max([one.shape for one in each], axis=0).astype(int)
+        whole = np.zeros((len(each), *largest), each[0].dtype)
+        for row, one in enumerate(each):
+            whole[(slice(row, row + 1), *map(slice, one.shape))] = one
+        return jax.device_put(whole)
 
     return ScheduledMpc(
-        models=jax.tree.map(stack, *(each.controller for each in every)),
-        turned=jax.tree.map(stack, *(each.turned for each in every)),
+        models=jax.tree.map(stack, *(_with_states(each.controller, states) for each in found)),
+        turned=jax.tree.map(stack, *(each.turned for each in found)),
         at=array(around[:, :channels]),
         around=array(around),
-        standing=array(np.stack([each.standing for each in every])),
+        standing=stack(*(each.standing for each in found)),
         turns=array(turns[:channels]),
     )
 
 
-def _pad(local: _LocalController, states: int, integrals: int) -> _LocalController:
-    """Return a controller with as many states and integrals, the added ones always zero."""
-    controller, observer = local.controller, local.controller.observer
-    more = states - local.standing.shape[0]
-    fewer = integrals - controller.integrating.shape[0]
-    size = observer.move.shape[0]
-
-    def pad(value: jax.Array, *axes: int) -> jax.Array:
-        width = [(0, more if axis in axes else 0) for axis in range(value.ndim)]
-        return array(np.pad(np.asarray(value), width))
-
-    by_state = np.insert(np.asarray(controller.by_state), [size] * more, 0.0, axis=2)
-    by_state = np.pad(by_state, ((0, 0), (0, 0), (0, fewer)))
-    integrating = np.pad(np.asarray(controller.integrating), ((0, fewer), (0, 0)))
-    wider = replace(
-        observer,
-        move=pad(observer.move, 0, 1),
-        held=pad(observer.held, 0),
-        driven=pad(observer.driven, 0),
-        expect=pad(observer.expect, 1),
-        gains=pad(observer.gains, 1),
-    )
-    controller = replace(
-        controller,
-        observer=wider,
-        by_state=array(by_state),
-        pushed=pad(controller.pushed, 0),
-        integrating=array(integrating),
-    )
-    return local._replace(
-        controller=controller, standing=np.pad(local.standing, ((0, more), (0, 0)))
-    )
+def _with_states(controller: Mpc, states: int) -> Mpc:
+    """Return a controller whose cost has as many states, the added ones without effect."""
+    size = controller.observer.move.shape[0]
+    by_state = np.insert(np.asarray(controller.by_state), [size] * (states - size), 0.0, axis=2)
+    return replace(controller, by_state=array(by_state))

@@ -27,10 +27,7 @@ def build_sequence(plan: AssembledScenario) -> Sequence:
     turns = [each.unit == "rad" for each in plan.inputs]
     scale = np.where(turns, np.pi / 180, 1.0)
     inputs = [each.name + "_deg" * turn for each, turn in zip(plan.inputs, turns, strict=True)]
-    low, high = (
-        np.array([float(getattr(each, end)) for each in plan.inputs]) / scale
-        for end in ("lower", "upper")
-    )
+    low, high = plan.limits / scale
     moving = [name for name, least, most in zip(inputs, low, high, strict=True) if least < most]
     sensors = [each.called for each in scenario.sensors if isinstance(each, ContactSensor)]
 

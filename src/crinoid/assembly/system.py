@@ -147,7 +147,9 @@ def sampled_velocities(flow: Flow, scenario: Scenario) -> Float[np.ndarray, "tim
     """Return the velocity at full strength within a length of the arm from its base (m/s)."""
     base, arm = scenario.base.position, scenario.arm
     points = base + arm.length * np.random.default_rng(0).uniform(-1, 1, (_COUNT, arm.dimension))
-    velocity = np.asarray(_velocities_at(flow, array(points), _times(scenario)))
+    # no period of a flow divides these times (s)
+    times = array(scenario.simulation.duration * (_GOLDEN * np.arange(_COUNT) % 1))
+    velocity = np.asarray(_velocities_at(flow, array(points), times))
     return velocity[:, np.isfinite(velocity).all(axis=(0, 2))]
 
 
@@ -171,11 +173,6 @@ def sampled(
         for index, flow in enumerate(system.forces.water.flows)
         if index not in known
     }
-
-
-def _times(scenario: Scenario) -> Float[Array, " time"]:
-    """Return times that no period of a flow divides (s)."""
-    return array(scenario.simulation.duration * (_GOLDEN * np.arange(_COUNT) % 1))
 
 
 @eqx.filter_jit

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from crinoid.actuation import Actuator, Follower, InputKind
 from crinoid.assembly.actuators import ActuatorParameters
-from crinoid.assembly.arrays import array
+from crinoid.assembly.arrays import array, from_tables
 from crinoid.dynamics import LengthControlledThreads
 from crinoid.elements import Bend, Element, Threads
 from crinoid.rod import Rod
@@ -95,9 +95,9 @@ class ThreadParameters(ActuatorParameters):
                 for name in _numbers(threads[0])
             },
             max_pressure=array([0.0 if each.lined else each.max_pressure for each in chambers]),
-            **_given(chambers, "area", "min_pressure", "max_volume"),
-            **_given(tendons, "max_tension", "max_shortening"),
-            **_given(threads, "pretension", "max_curvature", "stiffening"),
+            **from_tables(chambers, "area", "min_pressure", "max_volume"),
+            **from_tables(tendons, "max_tension", "max_shortening"),
+            **from_tables(threads, "pretension", "max_curvature", "stiffening"),
             friction=array([0.0] * len(chambers) + friction) if any(friction) else None,
             times=array(times),
             shares=array(shares),
@@ -198,7 +198,8 @@ class ThreadParameters(ActuatorParameters):
 
         offsets, bends_only = offset(at), np.asarray(self.bends_only)[thread]
         force = jnp.concatenate([-self.area * self.max_pressure, self.max_tension])
-        bending = self.max_curvature[thread] * _stiffness(rod, offsets)
+        toward = rod.EI[:-1].reshape(rod.nodes - 1, 1, -1)
+        bending = self.max_curvature[thread] * jnp.sum(toward * offsets**2, axis=-1)
         tension = jnp.where(bends_only, -bending, force[thread])
         lanes = (weight * tension)[..., None] * jnp.eye(len(self.names))[thread]
         paired = np.asarray(self.pairs)[thread][..., None]
@@ -256,17 +257,6 @@ class ThreadParameters(ActuatorParameters):
             "winding": jax.jvp(slope, (along,), (one,))[1] / per_span,
             "cover": weight[..., None] * (slots[..., None] == np.unique(slots[slots != _NONE])),
         }
-
-
-def _stiffness(rod: Rod, offset: Float[Array, "count lane way"]) -> Float[Array, "count lane"]:
-    """Return the bending stiffness toward offsets of length 1 (N m2)."""
-    stiffness = rod.EI[:-1].reshape(rod.nodes - 1, 1, -1)
-    return jnp.sum(stiffness * offset**2, axis=-1)
-
-
-def _given(threads: Sequence[Chamber | Tendon], *names: str) -> dict[str, Array]:
-    """Return the values of keys, 0 of a thread without one."""
-    return {name: array([getattr(each, name, None) or 0.0 for each in threads]) for name in names}
 
 
 def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from crinoid.cli.command import console
 from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own, clear_own
-from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario import Scenario, ScenarioError, refusal
 
 _MOST_POLES = 8
 _SWINGS = 1e-2
@@ -41,7 +41,7 @@ def _reduced(full: StateSpaceModel, order: int) -> StateSpaceModel:
     try:
         return full.reduced(order)
     except ScenarioError as error:
-        raise ScenarioError.of("--order", error.mistakes[0].text) from error
+        raise refusal("--order", error.mistakes[0].text) from error
 
 
 def _lines(model: StateSpaceModel, full: StateSpaceModel) -> list[str]:

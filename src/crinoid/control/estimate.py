@@ -126,17 +126,14 @@ class CurrentOutput(eqx.Module):
         inline, across = self._parts(change)
         inline_begin, across_begin = self._parts(self.begin)
         main = product(across, self.direction) * self.direction
-        drag = self.slope * (across + main) + _square(across_begin)
+        drag_begin = jnp.sqrt(jnp.sum(across_begin**2)) * across_begin
+        drag = self.slope * (across + main) + drag_begin
         size = jnp.sqrt(jnp.sum(drag**2))
         return inline_begin + inline + drag / jnp.sqrt(jnp.where(size > 0, size, 1.0))
 
     def _parts(self, velocity: Float[Array, " d"]) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
         inline = product(velocity, self.tangent) * self.tangent
         return inline, velocity - inline
-
-
-def _square(velocity: Float[Array, " d"]) -> Float[Array, " d"]:
-    return jnp.sqrt(jnp.sum(velocity**2)) * velocity
 
 
 class ObserverOutputs(eqx.Module):

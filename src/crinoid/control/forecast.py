@@ -54,9 +54,8 @@ class Along(eqx.Module):
         main = jnp.sum(across * direction, axis=1, keepdims=True) * direction
         speed = jnp.sqrt(jnp.sum(across**2, axis=1, keepdims=True))
         alike = inline + speed / current * (across - 0.5 * main)
-        return jnp.concatenate(
-            [product(self.shapes, each).reshape(-1) for each in (alike, acceleration)]
-        )
+        parts = [product(self.shapes, each).reshape(-1) for each in (alike, acceleration)]
+        return jnp.concatenate(parts)
 
 
 class KnownWater(Forecast):

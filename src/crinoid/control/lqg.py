@@ -182,9 +182,8 @@ class Lqg(ModelBased):
         aims = wanted_commands(seen, self.mapping, self.observer.values, self.lead)
         moves = jnp.sum(self.by_aim * aims, axis=(2, 3)) - jnp.sum(self.gains * full, axis=2)
         lower, upper = seen.lower[rows], seen.upper[rows]
-        slowest, fastest = self.braking.next(
-            self.period * memory.rate, before - lower, upper - before
-        )
+        moving = self.period * memory.rate
+        slowest, fastest = self.braking.next(moving, before - lower, upper - before)
         can = jnp.all((moves >= slowest) & (moves <= fastest), axis=1)
         chosen = jnp.where(jnp.any(can), jnp.argmax(can), can.size - 1)
         kept = nearest(moves[chosen], slowest, fastest, self.curved[chosen])
@@ -208,9 +207,8 @@ def wanted_commands(
     first in ``start``.
     """
     wanted = jax.vmap(seen.target.in_frame)(seen.time + lead)
-    return jax.vmap(lambda pose: product(mapping, pose_error(pose, start[: seen.reference.size])))(
-        wanted
-    )
+    tip = start[: seen.reference.size]
+    return jax.vmap(lambda pose: product(mapping, pose_error(pose, tip)))(wanted)
 
 
 def nearest(

@@ -225,9 +225,8 @@ class Sensor(eqx.Module):
     def start(self, values: Values) -> SensorState:
         """Begin with the true values known."""
         times = jnp.full(self.kept, -jnp.inf)
-        return SensorState(
-            jnp.asarray(0), times, jnp.broadcast_to(values, (self.kept, values.size))
-        )
+        samples = jnp.broadcast_to(values, (self.kept, values.size))
+        return SensorState(jnp.asarray(0), times, samples)
 
     def sample(self, before: SensorState, values: Values, time: Float[Array, ""]) -> SensorState:
         """Take a sample of the true values if one is due."""

@@ -190,9 +190,8 @@ def comparison(result: Result) -> tuple[float, float] | None:
     which = which[:count]
     if not which.any():
         return None
-    with_, without = (
-        float(np.sqrt(np.mean(data["tip_error"].values[:count][which] ** 2))) for data in runs
-    )
+    errors = [data["tip_error"].values[:count][which] for data in runs]
+    with_, without = (float(np.sqrt(np.mean(error**2))) for error in errors)
     return with_, without
 
 

@@ -55,12 +55,7 @@ def notes(dataset: xr.Dataset, facts: Facts) -> list[str]:
         _drag(dataset, scenario),
         _accumulated(dataset, facts),
     ]
-    return [
-        *_pressed(dataset),
-        *_pressed_on_itself(dataset),
-        *_pressed_on_hull(dataset),
-        *(note for note in found if note),
-    ]
+    return [*_pressed(dataset), *(note for note in found if note)]
 
 
 def tool_notes(tool: Tool | None, grip: GripState | None) -> list[str]:
@@ -83,9 +78,8 @@ def tool_notes(tool: Tool | None, grip: GripState | None) -> list[str]:
         if dropped == (np.inf if tool.until is None else tool.until):
             found.append(f"no touch released the tool: {touched} {part} while the tip had it")
         else:
-            found.append(
-                f"the tip released the tool at t = {dropped:.6g} s, when it touched {touched}"
-            )
+            then = f"at t = {dropped:.6g} s, when it touched {touched}"
+            found.append(f"the tip released the tool {then}")
     return found
 
 
@@ -114,48 +108,33 @@ def _accumulated(dataset: xr.Dataset, facts: Facts) -> str:
     )
 
 
-def _pressed(dataset: xr.Dataset) -> list[str]:
-    if "contact_closest" not in dataset:
-        return []
-    closest = dataset["contact_closest"].values[-1]
+def _pressed(dataset: xr.Dataset) -> Iterator[str]:
+    """Yield notes on contacts in which the arm was pressed deeper than their model is valid."""
     radius = float(dataset["diameter"].min()) / 2
-    return [
-        f"obstacle {index} penetrated the arm by {-1e3 * gap:.2g} mm, beyond the valid range of "
-        "the contact model. Give the arm clearance, or make the obstacle slower or lighter."
-        for index, gap in enumerate(closest)
-        if gap < -_PRESSED * radius
-    ]
 
+    def deep(contact: str, gap: float, remedy: str) -> Iterator[str]:
+        if gap < -_PRESSED * radius:
+            yield (
+                f"{contact} by {-1e3 * gap:.2g} mm, beyond the valid range of the contact model. "
+                f"{remedy}"
+            )
 
-def _pressed_on_hull(dataset: xr.Dataset) -> list[str]:
-    if "hull_gap" not in dataset:
-        return []
-    gap, radius = float(dataset["hull_gap"].min()), float(dataset["diameter"].min()) / 2
-    if gap >= -_PRESSED * radius:
-        return []
-    return [
-        f"the arm penetrated the hull by {-1e3 * gap:.2g} mm, beyond the valid range of the "
-        "contact model. Use more arm.nodes, weaker actuators, or channels that turn it less."
-    ]
-
-
-def _pressed_on_itself(dataset: xr.Dataset) -> list[str]:
-    if "self_gap" not in dataset:
-        return []
-    found, edges = [], dataset.sizes["edge"]
-    gap, radius = float(dataset["self_gap"].min()), float(dataset["diameter"].min()) / 2
-    if gap < -_PRESSED * radius:
-        found.append(
-            f"the arm penetrated itself by {-1e3 * gap:.2g} mm, beyond the valid range of the "
-            "contact model. Use more arm.nodes or weaker actuators."
-        )
-    most, pairs = CANDIDATES * edges, int(dataset["self_pairs"].max())
-    if pairs > most:
-        found.append(
-            f"{pairs} pairs of edges pressed on each other at once. The solver counts the nearest "
-            f"{most}, so forces are missing. Use fewer arm.nodes."
-        )
-    return found
+    if "contact_closest" in dataset:
+        remedy = "Give the arm clearance, or make the obstacle slower or lighter."
+        for index, gap in enumerate(dataset["contact_closest"].values[-1]):
+            yield from deep(f"obstacle {index} penetrated the arm", gap, remedy)
+    if "self_gap" in dataset:
+        remedy = "Use more arm.nodes or weaker actuators."
+        yield from deep("the arm penetrated itself", float(dataset["self_gap"].min()), remedy)
+        most, pairs = CANDIDATES * dataset.sizes["edge"], int(dataset["self_pairs"].max())
+        if pairs > most:
+            yield (
+                f"{pairs} pairs of edges pressed on each other at once. The solver counts the "
+                f"nearest {most}, so forces are missing. Use fewer arm.nodes."
+            )
+    if "hull_gap" in dataset:
+        remedy = "Use more arm.nodes, weaker actuators, or channels that turn it less."
+        yield from deep("the arm penetrated the hull", float(dataset["hull_gap"].min()), remedy)
 
 
 def _unread(dataset: xr.Dataset) -> str:

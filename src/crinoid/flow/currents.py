@@ -92,8 +92,8 @@ class Gust(Everywhere):
         return jnp.clip((time - self.onset.start) / self.duration, 0.0, 1.0)
 
 
-class PowerShear(Flow):
-    """Power-law profile ``u = velocity (h / h_ref)^exponent``, h the height above the bed."""
+class Shear(Flow):
+    """Steady current that depends on the height above the bed."""
 
     steady: ClassVar[bool] = True
     onset: Onset
@@ -103,6 +103,11 @@ class PowerShear(Flow):
     """Height above the bed at which the reference velocity is reached (m)."""
     bed: Float[Array, ""]
     """Upward coordinate of the sea bed (m)."""
+
+
+class PowerShear(Shear):
+    """Power-law profile ``u = velocity (h / h_ref)^exponent``, h the height above the bed."""
+
     exponent: Float[Array, ""]
     """Exponent of the height (1)."""
 
@@ -114,17 +119,9 @@ class PowerShear(Flow):
         return jnp.where(above, relative**self.exponent, 0.0) * self.reference_velocity
 
 
-class LogarithmicShear(Flow):
+class LogarithmicShear(Shear):
     """Logarithmic profile ``u = velocity ln(h / z_0) / ln(h_ref / z_0)``; 0 below z_0."""
 
-    steady: ClassVar[bool] = True
-    onset: Onset
-    reference_velocity: Float[Array, " b"]
-    """Velocity at the reference height (m/s)."""
-    reference_height: Float[Array, ""]
-    """Height above the bed at which the reference velocity is reached (m)."""
-    bed: Float[Array, ""]
-    """Upward coordinate of the sea bed (m)."""
     roughness_length: Float[Array, ""]
     """Roughness length of the bed (m)."""
 

@@ -224,9 +224,8 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
 
     def rises(state: tuple[Array, Array, Array]) -> Array:
         count, before, now = state
-        return (count < WAVE_NUMBER_STEPS) & jnp.any(
-            jnp.abs(now - before) > WAVE_NUMBER_CHANGE * now
-        )
+        moved = jnp.abs(now - before) > WAVE_NUMBER_CHANGE * now
+        return (count < WAVE_NUMBER_STEPS) & jnp.any(moved)
 
     def rise(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         count, _, now = state

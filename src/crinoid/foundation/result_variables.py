@@ -5,7 +5,7 @@ The only list of them. It has no arrays: scenarios, which name variables, read i
 
 from collections.abc import Callable, Iterable, Mapping
 from math import prod
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 Of = Callable[[Any], Any]
 """From `crinoid.results.dataset.Instants` to values."""
@@ -32,31 +32,8 @@ class Variable(NamedTuple):
     """Its ``long_name``."""
     of: Of | None = None
     """Its computation; None if in ``diagnostics.dimensionless`` or ``results.signals``."""
-    where: Literal[
-        "",
-        "plane",
-        "space",
-        "obstacles",
-        "solids",
-        "bodies",
-        "bodies plane",
-        "bodies space",
-        "actuators",
-        "tool",
-        "lines",
-        "vortices",
-        "self",
-        "hull",
-        "vehicle",
-        "vehicle plane",
-        "vehicle space",
-        "estimate",
-        "estimate plane",
-        "estimate space",
-        "estimate shape",
-        "estimate current",
-    ] = ""
-    """Results that have it; empty for all."""
+    where: str = ""
+    """Words of what a result must have for it, such as "vehicle plane"; empty for all."""
     more: str = ""
     """Addition to the meaning in the documentation."""
     extra: Mapping[str, str] = {}
@@ -78,23 +55,11 @@ def _estimated(
     name: str, dims: str, unit: str, meaning: str, of: Callable[[Any, str], Any], where: str
 ) -> tuple[Variable, Variable]:
     """Return an estimate and its standard deviation."""
-    value = _row(
-        f"estimated_{name}",
-        dims,
-        unit,
-        f"estimated {meaning}",
-        lambda run: of(run, "value"),
-        where=where,
+    whole, spread = f"estimated_{name}", f"standard deviation of estimated_{name}"
+    return (
+        _row(whole, dims, unit, f"estimated {meaning}", lambda run: of(run, "value"), where=where),
+        _row(f"{whole}_std", dims, unit, spread, lambda run: of(run, "std"), where=where),
     )
-    std = _row(
-        f"estimated_{name}_std",
-        dims,
-        unit,
-        f"standard deviation of estimated_{name}",
-        lambda run: of(run, "std"),
-        where=where,
-    )
-    return value, std
 
 
 # fmt: off

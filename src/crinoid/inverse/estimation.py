@@ -26,7 +26,7 @@ from crinoid.inverse.readings import ReadingRecord, Readings, read_readings
 from crinoid.numerics.kalman import Correction, stationary_covariance
 from crinoid.recording.texts import listed
 from crinoid.results.dataset import describe
-from crinoid.scenario import ScenarioError, got, refusal
+from crinoid.scenario import got, refusal
 from crinoid.scenario.library import Source
 from crinoid.simulation.setup import set_up
 
@@ -145,7 +145,7 @@ def _plan(prepared: Prepared) -> AssembledScenario:
     setup = set_up(prepared.with_scenario(still), notes=False)
     if not setup.outcome.converged:
         text = got("equilibrium", 'be "rest" where the arm has no equilibrium')
-        raise ScenarioError.of("simulation.start", text)
+        raise refusal("simulation.start", text)
     return setup.plan
 
 

@@ -30,7 +30,7 @@ from crinoid.recording.readers import read_dataset
 from crinoid.recording.series import values_in
 from crinoid.recording.texts import listed
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, ScenarioError, counted, got, one_of, refusal
+from crinoid.scenario import Scenario, counted, got, one_of, refusal
 from crinoid.scenario.actuator import Tendon, keyed_threads
 
 LOST = 0.25
@@ -183,7 +183,7 @@ def _after_start(record: ExperimentRecord) -> ExperimentRecord:
     """Remove rows before the start of the run, and refuse a record without later rows."""
     if record.time[-1] <= 0:
         text = f"ends at {record.time[-1]:.6g} s of the run; must have times after 0"
-        raise ScenarioError.of("file", text)
+        raise refusal("file", text)
     after = record.time >= 0
     if after.all():
         return record
@@ -197,14 +197,14 @@ def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> Exp
     data, axes = result.dataset, result.scenario.arm.dimension
     if axes != scenario.arm.dimension:
         text = f"{folder}: the arm has {axes} axes; must have {scenario.arm.dimension}"
-        raise ScenarioError.of("file", text)
+        raise refusal("file", text)
     scenario = result.scenario
     there = {str(name) for name in data["reading"].values}
     names = tuple(name for name in POSE[axes] if f"tip.{name}" in there)
     times, values = readings_of(result, scenario.sensor, [f"tip.{name}" for name in names])
     if times.size < 2:
         text = f"{folder}: the run has {times.size} readings of the tip; must have at least 2"
-        raise ScenarioError.of("file", text)
+        raise refusal("file", text)
     return ExperimentRecord(times, names, values, commands_of(result, inputs))
 
 

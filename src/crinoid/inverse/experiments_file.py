@@ -14,7 +14,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.inverse.experiment_record import ExperimentRecord, read_record
 from crinoid.inverse.marker import Marker
 from crinoid.inverse.unknowns import Unknowns
-from crinoid.scenario import Mistake, Scenario, ScenarioError, got
+from crinoid.scenario import Mistake, Scenario, ScenarioError, got, refusal
 from crinoid.scenario.document import RecordFile, anchor, parse
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import ListOf, dimension_conflicts
@@ -69,7 +69,7 @@ def read_experiments(path: Path, prepared: Prepared, unknowns: Unknowns) -> list
         for name in settings:
             if name in unknowns.values(0 * unknowns.given):
                 text = "is a number to find. Leave it out, or out of --of."
-                raise ScenarioError.of(f"{key}.set.{name}", text)
+                raise refusal(f"{key}.set.{name}", text)
         try:
             case = Prepared(scenario.with_values(settings)) if settings else prepared
             case.check()
@@ -89,9 +89,9 @@ def _read(path: Path, scenario: Scenario) -> Experiments:
     try:
         document = parse(path.read_text("utf-8-sig"))
     except UnicodeDecodeError as error:
-        raise ScenarioError.of("RECORD", f"{path}: byte {error.start} is not UTF-8") from None
+        raise refusal("RECORD", f"{path}: byte {error.start} is not UTF-8") from None
     except OSError as error:
-        raise ScenarioError.of("RECORD", f"{path}: {error.strerror}") from None
+        raise refusal("RECORD", f"{path}: {error.strerror}") from None
     except ScenarioError as error:
         raise ScenarioError(mistake.under(path.name) for mistake in error.mistakes) from None
     anchor(document, path.absolute().parent)

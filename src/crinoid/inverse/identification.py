@@ -203,7 +203,7 @@ class Identification:
         if values[-1] < _ALIKE * values[0]:
             some = sorted(np.argsort(-np.abs(ways[-1]))[:2])
             text = f"cannot be distinguished from {keys[some[0]]} by this record. Name one of them."
-            raise ScenarioError.of(keys[some[1]], text)
+            raise refusal(keys[some[1]], text)
 
     @property
     def correlation(self) -> Float[np.ndarray, "2 quantity"]:

@@ -143,7 +143,7 @@ def record_errors() -> Iterator[None]:
     try:
         yield
     except ResultError as error:
-        raise ScenarioError.of("RECORD", str(error)) from error
+        raise refusal("RECORD", str(error)) from error
     except ScenarioError as error:
         mistakes = [Mistake("RECORD", mistake.text) for mistake in error.mistakes]
         raise ScenarioError(mistakes) from error

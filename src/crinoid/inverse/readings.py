@@ -25,7 +25,7 @@ from crinoid.inverse.marker import TIP
 from crinoid.recording.numbers import Column
 from crinoid.recording.texts import listed
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, ScenarioError, refusal
+from crinoid.scenario import Scenario, refusal
 from crinoid.scenario.sensor import Sampling
 
 _STATE = "state"
@@ -136,7 +136,7 @@ def _of_result(
     data, ran = result.dataset, result.scenario
     if ran.arm.dimension != scenario.arm.dimension:
         text = f"the arm has {ran.arm.dimension} axes; must have {scenario.arm.dimension}"
-        raise ScenarioError.of("file", text)
+        raise refusal("file", text)
     there = {str(name) for name in data["reading"].values}
     tables: dict[str, Sampling] = {each.called: each for each in ran.sensors}
     readings: list[Readings | None] = []
@@ -148,7 +148,7 @@ def _of_result(
             continue
         readings.append(Readings.of(*readings_of(result, table, names)))
     if not any(each is not None and each.time.size for each in readings):
-        raise ScenarioError.of("file", "the run has no reading of a sensor of the scenario")
+        raise refusal("file", "the run has no reading of a sensor of the scenario")
     commands = commands_of(result, inputs)
     if commands is None:
         return ReadingRecord(tuple(readings), None, {}, (), ())

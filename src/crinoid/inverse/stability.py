@@ -10,7 +10,7 @@ from crinoid.analysis.linear_loop import LinearLoop, LinearPlant, linear_control
 from crinoid.analysis.sampled_plant import System
 from crinoid.assembly.prepared import Prepared
 from crinoid.inverse.smooth_loop import Neighbours
-from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario import Scenario, refusal
 from crinoid.simulation import Loop
 from crinoid.simulation.setup import set_up
 
@@ -68,7 +68,7 @@ class StabilityMargin:
         found = linear_controller(loop, self._setup.state, self._plant.period)
         if not all(np.isfinite(part).all() for part in found):
             text = "must be 0 here: the controller has no derivatives at the equilibrium"
-            raise ScenarioError.of("--margin", text)
+            raise refusal("--margin", text)
         return found.minimal()
 
     def _excess(self, controller: System) -> float:

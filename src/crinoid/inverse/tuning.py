@@ -17,7 +17,7 @@ from crinoid.inverse.ranges import Ranges
 from crinoid.inverse.stability import StabilityMargin
 from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import described
-from crinoid.scenario import Scenario, ScenarioError, got, refusal
+from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.controller import ModelBased
 
 _FACTORS = (1.0, 2.0, 16.0, 0.25)
@@ -53,7 +53,7 @@ class Tuning(Optimisation):
         judged, simulation = scenario.judged_from, scenario.simulation
         if judged > simulation.duration - simulation.time_step:
             text = got(judged, "be a time step or more before simulation.duration")
-            raise ScenarioError.of("target.judged_from", text)
+            raise refusal("target.judged_from", text)
         each_step = {"output.interval": scenario.simulation.time_step}
         scenario = scenario.with_values(numbers | each_step)
         ends = ((key, sorted([each / _MOST, each * _MOST])) for key, each in numbers.items())

@@ -20,8 +20,7 @@ from crinoid.recording.signed_distance import Triangles
 from crinoid.recording.solid_shapes import clustered, section
 from crinoid.recording.solid_surface import SolidSurface, SplineOnGrid
 from crinoid.recording.texts import reason_of, short
-from crinoid.scenario import Mesh, Scenario, got, refusal
-from crinoid.scenario.errors import shown
+from crinoid.scenario import Mesh, Scenario, got, refusal, shown
 
 _USUAL, _MOST = 200_000, 20_000_000
 """Values of a grid by default at most, and at most."""
@@ -104,9 +103,8 @@ def _closed_mesh(table: Mesh, notes: list[str]) -> Any:
         text = "has no triangle" if not faces else "has a corner that is not finite"
         raise refusal("file", f"{name} {text}", "be a mesh of triangles")
     mesh = _turned_outward(mesh, name, notes)
-    turn = Rotation.from_euler(
-        "ZYX", (table.pan_deg, -table.tilt_deg, table.roll_deg), degrees=True
-    )
+    angles = table.pan_deg, -table.tilt_deg, table.roll_deg
+    turn = Rotation.from_euler("ZYX", angles, degrees=True)
     if Path(table.file).suffix.lower() in (".glb", ".gltf"):  # y is up
         turn = turn * Rotation.from_euler("x", 90, degrees=True)
     frame = np.eye(4)

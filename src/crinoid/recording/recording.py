@@ -12,9 +12,8 @@ from jaxtyping import Bool, Float
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import Series
-from crinoid.scenario import FileMotion, Scenario
-from crinoid.scenario.base_motion import VesselMotion
-from crinoid.scenario.errors import got, refusal
+from crinoid.scenario import Scenario, got, refusal
+from crinoid.scenario.base_motion import InFile
 from crinoid.scenario.flow import MeasuredFlow
 
 _STRETCH = 1.1
@@ -45,7 +44,7 @@ class PlaybackWindow:
         for name, channel in base.channels.present.items():
             travel[name] += max(-channel.limits.low, channel.limits.high)
         for index, motion in enumerate(base.motion):
-            if isinstance(motion, (FileMotion, VesselMotion)):
+            if isinstance(motion, InFile):
                 ways = np.abs(series[f"base.motion.{index}"].values).max(axis=0)
                 for name, way in zip(motion.moved(dimension), ways, strict=True):
                     travel[name] += float(way)

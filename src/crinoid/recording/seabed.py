@@ -16,8 +16,7 @@ from crinoid.recording.solid_shapes import profile, sheet
 from crinoid.recording.solid_surface import SolidSurface, SplineOnGrid
 from crinoid.recording.texts import short
 from crinoid.recording.units import length_factor
-from crinoid.scenario import Scenario, Seabed, refusal
-from crinoid.scenario.errors import counted, shown
+from crinoid.scenario import Scenario, Seabed, counted, refusal, shown
 
 _EVEN = 1e-3
 """Largest deviation of steps of a coordinate from even ones, over a step."""

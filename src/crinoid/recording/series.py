@@ -18,9 +18,8 @@ from crinoid.recording.readers import read_dataset
 from crinoid.recording.texts import REMARKS, short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.recording.vessel import vessel_motion
-from crinoid.scenario import FileMotion, Scenario, Target
-from crinoid.scenario.base_motion import VesselMotion
-from crinoid.scenario.errors import counted, refusal
+from crinoid.scenario import Scenario, Target, counted, refusal
+from crinoid.scenario.base_motion import FileMotion, VesselMotion
 from crinoid.scenario.quantity import OPPOSITE
 
 _MOST = 0.5

@@ -19,9 +19,8 @@ def clustered(points: Points, facets: Facets) -> Shape:
     if len(points) <= _CELLS**2:
         return points, facets
     cell = float(np.ptp(points, axis=0).max()) / _CELLS
-    _, first, at = np.unique(
-        np.floor(points / cell).astype(int), axis=0, return_index=True, return_inverse=True
-    )
+    cells = np.floor(points / cell).astype(int)
+    _, first, at = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     merged = np.zeros((len(first), 3))
     np.add.at(merged, at.ravel(), points)
     merged /= np.bincount(at.ravel())[:, None]
@@ -55,9 +54,8 @@ def slab(outlines: list[Float[np.ndarray, "_ 2"]], half: float) -> Shape:
     fans = [(ring[0], *ring[i : i + 2]) for ring in rings for i in range(1, len(ring) - 1)]
     front = np.array(fans)
     edges = np.concatenate([front[:, [0, 1]], front[:, [1, 2]], front[:, [2, 0]]])
-    _, first, times = np.unique(
-        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
-    )
+    ends = np.sort(edges, axis=1)
+    _, first, times = np.unique(ends, axis=0, return_index=True, return_counts=True)
     (begin, end), count = edges[first[times == 1]].T, len(corners)
     sides = [(begin, begin + count, end), (end, begin + count, end + count)]
     # counter-clockwise as seen from outside; the front is at -y

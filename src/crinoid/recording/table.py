@@ -207,10 +207,8 @@ def _frame(file: str, options: dict[str, Any], names: list[str]) -> pd.DataFrame
     except (pd.errors.ParserWarning, pd.errors.ParserError) as error:
         text, must = f"{short(file)} has longer rows", f"have {len(names)} values in each row"
         if found := _FIELDS.search(str(error)):
-            text, must = (
-                f"{short(file)} has {found[3]} values in line {found[2]}",
-                f"have {found[1]}",
-            )
+            text = f"{short(file)} has {found[3]} values in line {found[2]}"
+            must = f"have {found[1]}"
         raise refusal("file", text, f"{must}, as in its header", _NAMES_FIRST) from error
     check_count(frame.size, file, "all columns")
     return frame[names].dropna(how="all")

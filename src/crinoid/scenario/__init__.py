@@ -8,10 +8,6 @@ key, its value, the right value and the remedy.
 
 from crinoid.scenario.actuator import Chamber as Chamber
 from crinoid.scenario.actuator import Tendon as Tendon
-from crinoid.scenario.arm import Arm as Arm
-from crinoid.scenario.base import Base as Base
-from crinoid.scenario.base_motion import FileMotion as FileMotion
-from crinoid.scenario.base_motion import TableMotion as TableMotion
 from crinoid.scenario.controller import PidGains as PidGains
 from crinoid.scenario.errors import Mistake as Mistake
 from crinoid.scenario.errors import ScenarioError as ScenarioError
@@ -36,7 +32,6 @@ from crinoid.scenario.load import DistributedLoad as DistributedLoad
 from crinoid.scenario.load import Load as Load
 from crinoid.scenario.load import LoadTable as LoadTable
 from crinoid.scenario.load import TipLoad as TipLoad
-from crinoid.scenario.obstacle import Capsule as Capsule
 from crinoid.scenario.obstacle import Mesh as Mesh
 from crinoid.scenario.obstacle import Obstacle as Obstacle
 from crinoid.scenario.obstacle import Plane as Plane

@@ -70,9 +70,7 @@ class Section(Model):
         "toward m_1 and m_2, or such a pair for the root and one for the tip.",
     )
     GJ: Annotated[
-        _Above0 | _Ends | None,
-        Quantity("N m2", _TAPER),
-        Only(3, "Only a spatial arm twists."),
+        _Above0 | _Ends | None, Quantity("N m2", _TAPER), Only(3, "Only a spatial arm twists.")
     ] = entry(None, "Twisting stiffness, linear from root to tip.")
     mass_per_length: Annotated[float, Quantity("kg/m")] | None = entry(
         None, "Mass of a metre of arm, without added mass.", gt=0

@@ -154,7 +154,9 @@ class TableMotion(ChannelMotion):
         return max(map(abs, self.value_si))
 
 
-class _InFile(Model):
+class InFile(Model):
+    """Keys of every motion in a file."""
+
     kind: str
     file: RecordFile
     time_column: str = entry(
@@ -166,7 +168,7 @@ class _InFile(Model):
     interpolation: Interpolation = "monotone"
 
 
-class FileMotion(ChannelMotion, _InFile):
+class FileMotion(ChannelMotion, InFile):
     """A motion as in a file, such as a record of heave."""
 
     kind: Literal["file"] = entry("file", "Points in time from a file.")
@@ -206,7 +208,7 @@ VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Degrees of freedom of a vessel."""
 
 
-class VesselMotion(_InFile):
+class VesselMotion(InFile):
     """The motion of a vessel that carries the base, as in its log."""
 
     kind: Literal["vessel"] = entry("vessel", "All motions of a vessel from a file.")

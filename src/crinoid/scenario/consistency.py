@@ -216,9 +216,8 @@ def _target_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield a time from which errors count that the run does not reach."""
     duration, begin = scenario.simulation.duration, scenario.target.judged_from
     if begin is not None and begin >= duration:
-        yield scenario.mistake(
-            "target.judged_from", f"be below simulation.duration = {duration} (s)"
-        )
+        must = f"be below simulation.duration = {duration} (s)"
+        yield scenario.mistake("target.judged_from", must)
 
 
 def _rate_conflicts(scenario: Scenario) -> Iterator[Mistake]:

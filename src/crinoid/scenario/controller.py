@@ -230,9 +230,8 @@ class Hybrid(ControllerTable):
         if base.channels.slide is None:
             yield Mistake("base.channels.slide", missing(f"be a table {hybrid}"))
         elif 0 in base.channels.slide.range:
-            yield scenario.mistake(
-                "base.channels.slide.range", f"reach to both sides of 0 {hybrid}"
-            )
+            must = f"reach to both sides of 0 {hybrid}"
+            yield scenario.mistake("base.channels.slide.range", must)
         if base.mount != "clamped":
             yield scenario.mistake("base.mount", f'be "clamped" {hybrid}')
         if not math.isclose(base.tilt_deg, 90.0):

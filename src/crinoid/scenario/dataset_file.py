@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from crinoid.foundation.atomic_file import atomic_write
-from crinoid.scenario.errors import ScenarioError, mistake_text
+from crinoid.scenario.errors import mistake_text, refusal
 
 _DIGITS = 32
 """Digits of a digest in the name of a file."""
@@ -29,11 +29,11 @@ def as_file(value: Any) -> Any:
         content = bytes(_writable(value).to_netcdf(engine="netcdf4"))
     except Exception as error:  # libraries raise anything
         text = f"the dataset cannot be written as netCDF ({' '.join(str(error).split())[:200]})"
-        raise ScenarioError.of("", mistake_text(text, "be one that to_netcdf accepts")) from error
+        raise refusal("", mistake_text(text, "be one that to_netcdf accepts")) from error
     try:
         return str(_stored(content))
     except OSError as error:
-        raise ScenarioError.of("", f"the dataset cannot be written: {error}") from error
+        raise refusal("", f"the dataset cannot be written: {error}") from error
 
 
 def _stored(content: bytes) -> Path:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from crinoid.scenario.dataset_file import as_file
-from crinoid.scenario.errors import ScenarioError, got, shown
+from crinoid.scenario.errors import got, refusal, shown
 from crinoid.scenario.quantity import Quantity
 
 _KEYS = ("file", "weights")
@@ -102,14 +102,14 @@ def parse(text: str) -> dict[str, Any]:
         lines = text.split("\n")
         end = f"(at line {len(lines)}, column {len(lines[-1]) + 1})"
         reason = str(error).replace("(at end of document)", end)
-    raise ScenarioError.of("", f"not valid TOML: {reason}")
+    raise refusal("", f"not valid TOML: {reason}")
 
 
 def override(document: dict[str, Any], setting: str) -> None:
     """Change a document by one ``key=value``, in place; see `value_of`."""
     key, equals, text = setting.partition("=")
     if not equals or not key.strip():
-        raise ScenarioError.of("", got(setting, "be key=value, such as arm.length=0.6"))
+        raise refusal("", got(setting, "be key=value, such as arm.length=0.6"))
     key, text = key.strip(), text.strip()
     value = value_of(text)
     if value == text and text[:1] in ("[", "{", '"', "'"):
@@ -118,7 +118,7 @@ def override(document: dict[str, Any], setting: str) -> None:
             if "\\" in text
             else "Close each quote and bracket."
         )
-        raise ScenarioError.of(key, got(text, "be valid TOML", reason))
+        raise refusal(key, got(text, "be valid TOML", reason))
     assign(document, key, value)
 
 
@@ -190,11 +190,11 @@ def _index(table: Any, part: str, key: str, outer: list[str]) -> Any:
     if isinstance(table, dict):
         return part
     if not isinstance(table, list):
-        raise ScenarioError.of(key, f"unknown key; {here} is {shown(table)} and not a table")
+        raise refusal(key, f"unknown key; {here} is {shown(table)} and not a table")
     if not part.isdecimal() or len(part) > 9 or int(part) > len(table):
         text = f"unknown key; must be an index into {here} from 0 to {len(table)}. "
         text += f"Use {len(table)} to add an entry."
-        raise ScenarioError.of(key, text)
+        raise refusal(key, text)
     if int(part) == len(table):
         table.append(None)
     return int(part)
@@ -207,7 +207,7 @@ def _parts(key: str) -> list[str]:
         table: Any = tomllib.loads(f"{key} = 0")
     except ValueError:
         text = "not a key; must be names joined by dots, such as arm.length"
-        raise ScenarioError.of(key.replace("\n", " "), text) from None
+        raise refusal(key.replace("\n", " "), text) from None
     parts = []
     while isinstance(table, dict):
         part, table = next(iter(table.items()))

@@ -71,11 +71,6 @@ class ScenarioError(ValueError):
         self.mistakes = tuple(mistakes)
         super().__init__(self.mistakes)
 
-    @classmethod
-    def of(cls, key: str, text: str) -> ScenarioError:
-        """Return the error of one mistake."""
-        return cls([Mistake(key, text)])
-
     @property
     def lines(self) -> list[str]:
         """The mistakes, one line each."""

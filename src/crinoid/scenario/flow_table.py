@@ -6,9 +6,7 @@ from pkgutil import resolve_name
 from typing import Any, ClassVar
 
 from crinoid.scenario.model import Model, entry
-from crinoid.scenario.quantity import (
-    Seconds,
-)
+from crinoid.scenario.quantity import Seconds
 
 
 class FlowTable(Model):

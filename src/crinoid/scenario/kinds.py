@@ -15,7 +15,7 @@ from typing import Any, get_args
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from crinoid.scenario.errors import Mistake, ScenarioError, got, join, missing, one_of
+from crinoid.scenario.errors import Mistake, ScenarioError, got, join, missing, one_of, refusal
 from crinoid.scenario.model import Model, Schema
 from crinoid.scenario.quantity import unit_of
 
@@ -120,7 +120,7 @@ def package_of(entry: EntryPoint) -> str:
 
 def _broken(entry: EntryPoint, why: str) -> ScenarioError:
     hint = f"The installed package {package_of(entry)} fails: {' '.join(why.split())}"
-    return ScenarioError([Mistake("kind", got(entry.name, "be a kind that can be loaded", hint))])
+    return refusal("kind", got(entry.name, "be a kind that can be loaded", hint))
 
 
 class KindOf:
@@ -163,4 +163,4 @@ class KindOf:
         known = sorted({*self._own, *installed(self.group)})
         must = f"be {one_of(known)}" if known else "be that of a package. None is installed"
         hint = "Other kinds come from installed packages." if known else ""
-        raise ScenarioError.of("kind", missing(must) if kind is None else got(kind, must, hint))
+        raise refusal("kind", missing(must) if kind is None else got(kind, must, hint))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crinoid.scenario.document import anchor, assign, named_files, override, parse
-from crinoid.scenario.errors import Mistake, ScenarioError, got
+from crinoid.scenario.errors import Mistake, ScenarioError, got, refusal
 from crinoid.scenario.scenario import Scenario
 
 Source = Scenario | str | os.PathLike[str]
@@ -135,7 +135,7 @@ def scenario_of(source: object) -> Scenario:
     if isinstance(source, (str, os.PathLike)):
         return load(source)
     must = "be a Scenario, the name of a built-in one, or the path of a TOML file"
-    raise ScenarioError.of("scenario", got(source, must))
+    raise refusal("scenario", got(source, must))
 
 
 def builtin_names() -> list[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
-from crinoid.scenario.errors import ScenarioError, gathered, got, refusal
+from crinoid.scenario.errors import gathered, got, refusal
 
 _KEY = "output.measures"
 _SEARCH = threading.Lock()
@@ -85,7 +85,7 @@ def _measure(key: str, name: str) -> OwnMeasure:
     except Exception as error:  # any fault of the package
         why = " ".join(f"{type(error).__name__}: {error}".split())
         must = "be a function of an installed package, as in mypackage.measures:reach"
-        raise ScenarioError.of("", got(name, must, f"{why}.")) from error
+        raise refusal("", got(name, must, f"{why}.")) from error
     return OwnMeasure(key, label, unit, meaning, function)
 
 

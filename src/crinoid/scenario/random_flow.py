@@ -12,14 +12,7 @@ from pydantic import Field
 from crinoid.scenario.errors import Mistake
 from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.model import entry
-from crinoid.scenario.quantity import (
-    AsTuple,
-    Count,
-    Metres,
-    Quantity,
-    Seconds,
-    Velocity,
-)
+from crinoid.scenario.quantity import AsTuple, Count, Metres, Quantity, Seconds, Velocity
 
 _From0 = Annotated[float, Field(ge=0)]
 StandardDeviation = Annotated[

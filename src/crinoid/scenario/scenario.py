@@ -23,12 +23,7 @@ from crinoid.scenario.kinds import with_places
 from crinoid.scenario.load import Load
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.obstacle import Obstacle
-from crinoid.scenario.quantity import (
-    ListOf,
-    dimension_conflicts,
-    dimension_defaults,
-    unwritten,
-)
+from crinoid.scenario.quantity import ListOf, dimension_conflicts, dimension_defaults, unwritten
 from crinoid.scenario.sensor import Sensor, Sensors
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target

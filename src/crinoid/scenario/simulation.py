@@ -103,13 +103,11 @@ _Variables = Annotated[
     tuple[str, ...], AsTuple, Field(min_length=1), Quantity(expects="a list of names of variables")
 ]
 
+_Function = Annotated[
+    str, Field(pattern=r"^\w+(\.\w+)*:\w+$"), Quantity(expects="text as module:function")
+]
 _Functions = Annotated[
-    tuple[
-        Annotated[
-            str, Field(pattern=r"^\w+(\.\w+)*:\w+$"), Quantity(expects="text as module:function")
-        ],
-        ...,
-    ],
+    tuple[_Function, ...],
     AsTuple,
     Quantity(
         expects='a list of functions of installed packages, such as "mypackage.measures:reach"'

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import chain, pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -202,6 +202,13 @@ class Target(Model):
         return unit_vector(vector) if vector else None
 
     @property
+    def _lists(self) -> dict[str, tuple[Any, ...]]:
+        """The points of a path in time by key: of the tip, of its angle or of its direction."""
+        points = _points(self.direction) or None
+        paths = {"tip": self.tip_path, "angle_deg": self.angle_path_deg, "direction": points}
+        return {key: path for key, path in paths.items() if path is not None}
+
+    @property
     def moves(self) -> bool:
         """Whether the target moves, other than with the submarine."""
         return self.path is not None or self.time is not None
@@ -231,19 +238,11 @@ class Target(Model):
         for key in _OF_PATH[path]:
             if key in _NEEDED and getattr(self, key) is None:
                 yield Mistake(key, missing(f"be given {where}"))
-        listed = {
-            "time": self.time,
-            "tip": self.tip_path,
-            "angle_deg": self.angle_path_deg,
-            "direction": self.direction_path,
-        }
-        for key, points in listed.items():
-            if points is not None:
-                must = "be left out" if key == "time" else "be no list"
-                yield Mistake(key, got(getattr(self, key), f"{must} {where}"))
-                if key == "time":
-                    break
+        if self.time is not None:
+            yield self.mistake("time", f"be left out {where}")
         else:
+            for key in self._lists:
+                yield self.mistake(key, f"be no list {where}")
             yield from self._start_conflicts(path)
         if self.period == 0 and path == "circle":
             yield Mistake("period", got(0.0, "be a number that is not 0 (s)"))
@@ -296,17 +295,11 @@ class Target(Model):
 
     def _time_conflicts(self) -> Iterator[Mistake]:
         """Yield mistakes of a path through points in time."""
-        paths = {
-            "tip": self.tip_path,
-            "angle_deg": self.angle_path_deg,
-            "direction": _points(self.direction) or None,
-        }
-        given = {key: path for key, path in paths.items() if path is not None}
+        given = self._lists
         if self.time is None:
             if given:
-                yield Mistake(
-                    "time", missing(f"be a list (s) with a list in {' and '.join(given)}")
-                )
+                must = f"be a list (s) with a list in {' and '.join(given)}"
+                yield Mistake("time", missing(must))
             return
         if not given:
             planar, spatial = (

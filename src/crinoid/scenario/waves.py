@@ -11,11 +11,7 @@ from pydantic import Field
 
 from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.model import entry
-from crinoid.scenario.quantity import (
-    Degrees,
-    Metres,
-    Seconds,
-)
+from crinoid.scenario.quantity import Degrees, Metres, Seconds
 
 
 class SurfaceWaves(FlowTable):

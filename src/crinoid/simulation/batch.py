@@ -131,15 +131,13 @@ def _run(
             loops, carries, outcomes, jnp.asarray(ends), jnp.asarray(strides), _INSTANTS
         )
         kept, counts = jax.tree.map(np.asarray, kept), np.asarray(due).sum(axis=1)
-        for row, (sink, ready, reached) in enumerate(
-            zip(sinks, group, np.asarray(carries.state.time), strict=True)
-        ):
+        reached = np.asarray(carries.state.time)
+        for row, (sink, ready) in enumerate(zip(sinks, group, strict=True)):
             sink.append(jax.tree.map(lambda x: x[row, : counts[row]], kept))  # noqa: B023
-            moved(ready.number, float(reached))
+            moved(ready.number, float(reached[row]))
     wall_time = (time.perf_counter() - started) / len(group)
-    carries, lasts, outcomes = jax.tree.map(
-        np.asarray, (carries, _record(loops, carries), outcomes)
-    )
+    over = carries, _record(loops, carries), outcomes
+    carries, lasts, outcomes = jax.tree.map(np.asarray, over)
     for row, (ready, sink) in enumerate(zip(group, sinks, strict=True)):
         carry, outcome = _of(carries, row), _of(outcomes, row)
         trouble, failed = failures[row], None if outcome.converged else outcome

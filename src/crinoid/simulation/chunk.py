@@ -106,16 +106,15 @@ def _advance_to_instant(
     """
     Inner = tuple[LoopState, Outcome]
 
-    def step(inner: Inner) -> Inner:
-        return loop.tick(inner[0])
-
     due = (carry.steps // stride + 1) * stride
 
     def unfinished_stride(inner: Inner) -> Bool[Array, ""]:
         carry, outcome = inner
         return (carry.steps < jnp.minimum(due, end)) & outcome.converged
 
-    carry, outcome = jax.lax.while_loop(unfinished_stride, step, (carry, outcome))
+    carry, outcome = jax.lax.while_loop(
+        unfinished_stride, lambda inner: loop.tick(inner[0]), (carry, outcome)
+    )
     now = record(loop, carry)
     is_due = carry.steps == due
     tally = jax.tree.map(

@@ -12,12 +12,7 @@ from crinoid.foundation.axes import AXES
 from crinoid.results.chunks import unwrap_from
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.simulation.external import moved_channels
-from crinoid.simulation.host_variables import (
-    DURATION,
-    inputs_of,
-    outputs_of,
-    parameters_of,
-)
+from crinoid.simulation.host_variables import DURATION, inputs_of, outputs_of, parameters_of
 from crinoid.simulation.session import Session
 
 _NEAR = 1e-6

@@ -7,17 +7,12 @@ import time
 from crinoid.assembly.prepared import Prepared, at_rest, require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.diagnostics.plausibility import plausibility_warnings
-from crinoid.dynamics import State, System
 from crinoid.dynamics.resting import stand
 from crinoid.results.result import Result
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.scenario import AT_REST
 from crinoid.simulation.chunk import one_instant
-from crinoid.simulation.conclusion import (
-    conclude,
-    dataset_builder,
-    start_failure,
-)
+from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
 from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
 
@@ -70,6 +65,4 @@ def settle(prepared: Prepared, *, notes: bool = True) -> Result:
     return result
 
 
-@compiled(**ONCE)
-def _stand(system: System, state: State) -> State:
-    return stand(system, state)
+_stand = compiled(**ONCE)(stand)

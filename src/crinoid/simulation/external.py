@@ -21,8 +21,7 @@ from crinoid.control.controller import Command
 from crinoid.flow.flow import Everywhere
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.ramp import Onset
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario, got, one_of, refusal
 from crinoid.simulation.loop import Loop
 
 __all__ = ["ExternalCommand", "ExternalSignals", "moved_channels"]
@@ -133,12 +132,12 @@ class ExternalSignals:
         given = [kinds] if isinstance(kinds, str) else list(kinds)
         for kind in given:
             if kind not in _KINDS:
-                raise ScenarioError([Mistake("external", got(kind, f"be {one_of(_KINDS)}"))])
+                raise refusal("external", got(kind, f"be {one_of(_KINDS)}"))
         self.kinds = tuple(kind for kind in _KINDS if kind in given)
         """What comes from outside."""
         if "base" in given and scenario.floats:
             text = got("base", "be left out with vehicle.mass", "A vehicle floats.")
-            raise ScenarioError([Mistake("external", text)])
+            raise refusal("external", text)
         axes, period = scenario.arm.dimension, 1 / scenario.control_rate_hz
         self._channels = moved_channels(scenario)
         # readings of the past count from where the base was then

@@ -20,20 +20,13 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Controller, Sensor
 from crinoid.diagnostics.control_loop import loop_notes
-from crinoid.dynamics import State
 from crinoid.elements import Element
 from crinoid.flow import Flow
 from crinoid.results.dataset import chosen
-from crinoid.results.record import Record
 from crinoid.results.result import RESULT, UNCONTROLLED, Result
 from crinoid.scenario.library import Source
 from crinoid.simulation.chunk import CAPACITY, chunk_program, one_instant, record, start_loop
-from crinoid.simulation.conclusion import (
-    conclude,
-    dataset_builder,
-    start_failure,
-)
-from crinoid.simulation.loop import Loop, LoopState
+from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.sink import Sink, require_space, resume_state
 
@@ -250,12 +243,8 @@ def _run(
     return conclude(setup, carry, dataset, trouble, failed, wall_time, with_notes=with_notes)
 
 
-@compiled(**ONCE)
-def begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
-    """Close a loop around a state; return that with its first instant."""
-    return start_loop(loop, state)
-
-
+begin = compiled(**ONCE)(start_loop)
+"""`start_loop` as a program."""
 _keep = compiled(**ONCE)(record)
 
 

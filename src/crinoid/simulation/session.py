@@ -26,8 +26,7 @@ from crinoid.foundation.atomic_file import FilePath
 from crinoid.results.chunks import join
 from crinoid.results.dataset import chosen
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, ScenarioError, counted
-from crinoid.scenario.errors import refusal
+from crinoid.scenario import Scenario, ScenarioError, counted, refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
@@ -325,9 +324,8 @@ class Session(SteppedRun):
             "control.compare": self.scenario.control.compare,
         }
         if described.with_values(values) != self.scenario:
-            raise refusal(
-                "resume", "got a result of another scenario", "be of a session of this one"
-            )
+            text = "got a result of another scenario"
+            raise refusal("resume", text, "be of a session of this one")
         first = dataset_builder(self._setup)(one_instant(self.record()), None)
         self.state, kept = resume_state(earlier, self.state, first, self._stride)
         self._spent = earlier.dataset.attrs["wall_time"]

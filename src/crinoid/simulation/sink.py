@@ -14,16 +14,10 @@ from crinoid.foundation.axes import AXES, CHANNELS
 from crinoid.foundation.result_variables import numbers, of_dimension
 from crinoid.results.chunks import join, pieces
 from crinoid.results.record import Record
-from crinoid.results.result import (
-    RESULT,
-    UNCONTROLLED,
-    UNFINISHED,
-    Result,
-    ResultError,
-)
+from crinoid.results.result import RESULT, UNCONTROLLED, UNFINISHED, Result, ResultError
 from crinoid.results.result_file import attributes, named_leaves
 from crinoid.results.stream import Stream
-from crinoid.scenario import Mistake, Scenario, ScenarioError, counted
+from crinoid.scenario import Scenario, counted, refusal
 from crinoid.simulation.loop import LoopState
 
 __all__ = ["Sink", "require_space", "runs_in_memory"]
@@ -85,7 +79,7 @@ def _refuse(instants: int, nodes: int, size: float, most: float, where: str) -> 
     if size > most:
         text = f"keeps {instants} instants of {nodes} nodes, which need about {size / 1e9:.3g} GB "
         text += f"{where}; must fit into {most / 1e9:.3g} GB. Raise it."
-        raise ScenarioError([Mistake("output.interval", text)])
+        raise refusal("output.interval", text)
 
 
 _SAME = 1e-9

@@ -67,10 +67,8 @@ class SteppedRun:
         return _look(self.loop, self.state)
 
     def _chunk(self, end: int) -> tuple[LoopState, Record, Array, Outcome]:
-        stride = jnp.asarray(self._stride, int)
-        return chunk_program(0)(
-            self.loop, self.state, jnp.asarray(end, int), stride, self._capacity
-        )
+        last, stride = jnp.asarray(end, int), jnp.asarray(self._stride, int)
+        return chunk_program(0)(self.loop, self.state, last, stride, self._capacity)
 
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -23,14 +23,7 @@ from crinoid.scenario import (
     TurbulenceFlow,
     shown,
 )
-from crinoid.scenario.base_motion import (
-    FileMotion,
-    Motion,
-    SineMotion,
-    TableMotion,
-    VelocityMotion,
-    VesselMotion,
-)
+from crinoid.scenario.base_motion import InFile, Motion, SineMotion, TableMotion, VelocityMotion
 from crinoid.scenario.model import properties_of
 from crinoid.scenario.obstacle import Plane, Seabed
 from crinoid.scenario.quantity import unit_of
@@ -116,7 +109,7 @@ def _base_motion(facts: Facts) -> Iterator[str]:
 
 def _speeds(facts: Facts, found: str, motion: Motion) -> Iterator[tuple[str, str, float]]:
     """Yield the key of a motion to blame, a channel that it moves, and its largest speed (SI)."""
-    if isinstance(motion, (FileMotion, VesselMotion)):
+    if isinstance(motion, InFile):
         time, values = facts.prepared.series[found].during(facts.scenario.simulation.duration)
         for name, column in zip(motion.moved(facts.scenario.arm.dimension), values.T, strict=True):
             yield "file", name, _steepest(time, column)

@@ -60,12 +60,8 @@ def _random_start(facts: Facts) -> Iterator[str]:
     scenario, water = facts.scenario, facts.scenario.water
     if scenario.target.tip != "initial" or scenario.target.moves:
         return
-    control = scenario.control
-    if scenario.simulation.start != "equilibrium" or (
-        control.acts and not control.settings.feeds_back
-    ):
-        return
-    if scenario.base.mount != "clamped":
+    blind = scenario.control.acts and not scenario.control.settings.feeds_back
+    if blind or scenario.simulation.start != "equilibrium" or scenario.base.mount != "clamped":
         return
     acting = [i for i, flow in enumerate(scenario.flow) if not (flow.start or flow.ramp_time)]
     still = (0.0,) * scenario.arm.dimension
