@@ -17,14 +17,12 @@ frames of both edges the middle frame has the true ones: they do not shrink as t
 With the edges' relative angular velocity ``w`` the binormal changes in the middle frame as
 ``dk/dt = C (w_n + h (k . w) k)``, where ``w_n`` is ``w`` across ``d`` and
 
-``C = 1 / cos(bend / 2) = sqrt(1 + k.k / 4)``, ``h = 1 / (4 (C + 1))``,
+``C = 1 / cos(bend / 2) = sqrt(1 + k.k / 4)``, ``h = 1 / (4 (C + 1))``.
 
-and the strain as a vector ``e = kappa_1 M_2 - kappa_2 M_1 + tau d`` as ``de/dt = H w`` with the
-symmetric
+The axes ``M_2``, ``-M_1`` and ``d``, turned back by half of the bend, are those of the first edge.
+In these ``k`` has the same components ``(k_1, k_2, 0)``, and with ``q = (k_2, -k_1) / 2``
 
-``H = a 1 + (C - a) d d^T + b k k^T``, ``a = (C + 2) / 3``, ``b = (C^2 - 2) / (12 C (C + 1))``;
-
-the rows of ``G`` are those of ``H`` along ``M_2``, ``-M_1`` and ``d``.
+``kappa = m k``, ``G = [[m 1 + k k^T / 12, -m q], [q^T, 1]]``, ``m = (1 + 2 / C) / 3``.
 """
 
 from typing import NamedTuple
@@ -41,7 +39,6 @@ from crinoid.numerics.frames import (
     moments,
     rotate_90,
     rotation_velocity,
-    transport,
     unit,
 )
 from crinoid.numerics.small_matrices import product
@@ -118,19 +115,19 @@ def spatial_strains(
     twist: Float[Array, ""],
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """Return the strains from both tangents, the first director and the twist, and ``G``."""
-    facing = 1.0 + dot(before, after)
-    binormal = 2.0 * cross(before, after) / facing
-    C = jnp.sqrt(1.0 + 0.25 * dot(binormal, binormal))
-    middle = (before + after) / (facing * C)
     # M_2 and -M_1 turned back by half of the bend, about the binormal: it reads the same in both
     cosine, sine, aside = jnp.cos(0.5 * twist), jnp.sin(0.5 * twist), cross(before, director)
     axes = jnp.stack([cosine * aside - sine * director, -sine * aside - cosine * director])
-    along = product(axes, binormal)
-    b = (C**2 - 2.0) / (12.0 * C * (C + 1.0))
-    bending = (C + 2.0) / 3.0 * transport(axes, before, middle) + b * along[:, None] * binormal
+    half = product(axes, after) / (1.0 + dot(before, after))
+    binormal = 2.0 * jnp.stack([-half[1], half[0]])
+    secant = jnp.sqrt(1.0 + dot(half, half))
+    growth = (1.0 + 2.0 / secant) / 3.0
+    around = binormal[:, None] * product(binormal / 12.0, axes)
+    bending = growth * (axes - half[:, None] * before) + around
+    twisting = before + product(half, axes)
     return (
-        jnp.append(bend_strain(0.5 * along, C), twist),
-        jnp.concatenate([bending, C * middle[None]]),
+        jnp.append(bend_strain(0.5 * binormal, secant), twist),
+        jnp.concatenate([bending, twisting[None]]),
     )
 
 
