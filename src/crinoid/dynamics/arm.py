@@ -17,7 +17,7 @@ from crinoid.numerics import banded, index_array
 class Arm(eqx.Module):
     """Elements of an arm, each with its memory of a step."""
 
-    laws: windows.Laws
+    laws: windows.ArmLaws
 
     def memory_at_start(self, motion: Motion) -> Memory:
         """Return the memory of the elements at the start of a run, None for those without."""
@@ -107,7 +107,7 @@ class Arm(eqx.Module):
     ) -> Iterator[tuple[Element, Any]]:
         """Yield each element with a quantity ``of`` it in each of its windows."""
 
-        def each(laws: windows.Laws, window: Motion) -> list[Any]:
+        def each(laws: windows.ArmLaws, window: Motion) -> list[Any]:
             return [of(e, windows.remembering(window, held)) for e, held in laws]
 
         for group in windows.groups(self.laws, motion.flow_velocity.shape[1]):

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.dynamics.integrator import StepMap
-from crinoid.elements import Element, Motion, TangentDirection
+from crinoid.elements import Element, Law, Motion, TangentDirection
 from crinoid.numerics import banded, index_array
 
 Rows = Float[Array, "rows b"]
@@ -69,9 +69,10 @@ Held = tuple[Any, Array | None] | None
 """Memory of an element, prepared for a step, and the step's length in each window (s)."""
 Slopes = tuple[Array, Array | None]
 
-
-Laws = tuple[tuple[Element, Held], ...]
-"""Elements, each with its memory."""
+Laws = tuple[tuple[Law, Held], ...]
+"""Laws, each with its memory."""
+ArmLaws = tuple[tuple[Element, Held], ...]
+"""Elements of an arm, each with its memory."""
 
 
 @dataclass(frozen=True)
@@ -136,9 +137,9 @@ class LawGroup:
         return banded.pad_columns(rows, shape[1])
 
 
-def groups(laws: Laws, axes: int) -> list[LawGroup]:
+def groups(laws: ArmLaws, axes: int) -> list[LawGroup]:
     """Return the laws of an arm in groups that share windows."""
-    found: dict[tuple[int, int, int, bool], Laws] = {}
+    found: dict[tuple[int, int, int, bool], ArmLaws] = {}
     for element, held in laws:
         key = (element.first, element.stencil, count(element), element.spins and axes == 3)
         found[key] = (*found.get(key, ()), (element, held))
