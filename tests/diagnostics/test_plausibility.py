@@ -261,7 +261,13 @@ class Whirl(LoadTable):
     kind: Literal["whirl"] = "whirl"
     magnitude: Newtons = Field(ge=0, description="Size of the force.")
     moment: Annotated[float, Quantity("N m")] = Field(default=0.0, description="Moment.")
-    period: Seconds = Field(default=1.0, gt=0, description="Time of a turn.")
+    period: Seconds = Field(default=1.0, description="Time of a turn; negative: clockwise.")
+    frequency_hz: float = Field(default=900.0, description="Has no unit.")
+
+    @property
+    def force(self):
+        """Not a key."""
+        return 1e9
 
     def build(self, scenario):
         raise AssertionError
@@ -273,6 +279,7 @@ class Whirl(LoadTable):
         ({"magnitude": 200.0}, "load.0.magnitude: got 200.0 N (magnitude times L^2 / EI = 796)"),
         ({"moment": 9.0}, "load.0.moment: got 9.0 N m (moment times L / EI = 71.6)"),
         ({"period": 0.02}, "simulation.time_step: got 0.01 s, 2 time steps in load.0, 0.02 s"),
+        ({"period": -0.02}, "simulation.time_step: got 0.01 s, 2 time steps in load.0, 0.02 s"),
         ({}, None),
     ],
 )

@@ -240,7 +240,7 @@ def test_steady_acceleration_is_a_weight():
     hanging = equilibrium(submerged(2, gravity=6.0, damping_time=0.1))
     system = carried(2, acceleration=(0.0, 6.0), damping_time=0.1)
     forces, time, _, _ = resting.undeformed(system, jnp.zeros(()))
-    state = eqx.filter_jit(resting.begin)(system, forces, time, hanging.position, None)
+    state = eqx.filter_jit(resting.state_at_rest)(system, forces, time, hanging.position, None)
     np.testing.assert_allclose(state.acceleration[:, 1], 6.0, rtol=0, atol=1e-6)
     np.testing.assert_allclose(state.base_force, [0.0, -6.0], rtol=0, atol=1e-7)  # m = 1 kg
     assert float(state.base_moment) == pytest.approx(float(hanging.base_moment), abs=1e-7)

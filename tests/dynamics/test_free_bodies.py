@@ -320,7 +320,7 @@ def _pushed(forces, motion):
     (contacts,) = forces.body_contacts(rows)
     laws = contacts, forces.obstacles.bodies.law(len(forces.nodes(rows)), forces.pose)
     total = sum(law.scatter(law.residuals(motion)[:, 0], rows.shape) for law in laws)
-    return total[forces.rows.bodies]
+    return total[forces.rows.obstacle_rows]
 
 
 @pytest.mark.release
@@ -453,7 +453,7 @@ def test_the_tangent_is_the_slope_of_the_residual():
     unknown[forces.rows.nodes] = True
     unknown[:2] = False
     index = list(forces.obstacles.bodies.unknowns(turned.shape[1]))
-    unknown[forces.rows.bodies].reshape(-1)[index] = True
+    unknown[forces.rows.obstacle_rows].reshape(-1)[index] = True
     rhs = jnp.asarray(np.where(unknown, rng.normal(size=turned.shape), 0.0))
     change = np.asarray(solved(rhs))
     assert not change[~unknown].any()

@@ -97,7 +97,7 @@ class ContactForce(Measurand):
         forces = ActingForces.of(system.forces, state.context)
         if forces.obstacles is None:
             raise ValueError("a contact sensor requires an obstacle")
-        num_nodes = forces.nodes(state.motion.position).shape[0]
+        num_nodes = forces.num_nodes(state.motion.position)
         return forces.obstacles.edge_force(state.motion, num_nodes, forces.pose, self.inside)
 
     def names(self, axes: int) -> tuple[tuple[str, str], ...]:

@@ -14,6 +14,7 @@ from crinoid.dynamics.arm import Arm, prepared
 from crinoid.dynamics.contact_group import ContactGroup
 from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces, Points, Rows
+from crinoid.dynamics.free_bodies import FreeBodies
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, VEHICLE_ROWS
 from crinoid.dynamics.vehicle import VehicleKinematics, unknowns, vehicle_rows
@@ -51,6 +52,11 @@ class ActingForces(Forces):
         return () if self.context.frozen_at is not None else super().free
 
     @property
+    def moving_bodies(self) -> FreeBodies | None:
+        """The free obstacles, unless they are held."""
+        return self.obstacles.bodies if self.free and self.obstacles is not None else None
+
+    @property
     def pose(self) -> Pose | None:
         """Attitude of the obstacles at the start of the step, where some are free."""
         if self.obstacles is None or self.obstacles.bodies is None:
@@ -83,17 +89,15 @@ class ActingForces(Forces):
     def reach(self) -> Float[Array, " body"]:
         """Radii of gyration of the free obstacles and of the vehicle (m)."""
         found = []
-        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
-            found.append(self.obstacles.bodies.body.reach)
+        if (bodies := self.moving_bodies) is not None:
+            found.append(bodies.body.reach)
         if self.vehicle is not None:
             found.append(self.vehicle.reach[None])
         return jnp.concatenate(found) if found else jnp.zeros(0)
 
     def body_unknowns(self, size: int) -> tuple[int, ...]:
         """Return the indices of unknowns of free bodies, in rows of ``size`` after the nodes."""
-        if not self.free or self.obstacles is None or self.obstacles.bodies is None:
-            return ()
-        return self.obstacles.bodies.unknowns(size)
+        return () if self.moving_bodies is None else self.moving_bodies.unknowns(size)
 
     def extra(self, size: int) -> tuple[int, ...]:
         """Return the indices of unknowns of free bodies and a vehicle, likewise."""
@@ -120,20 +124,20 @@ class ActingForces(Forces):
         """Return the contacts of obstacles with edges, on the rows of an array."""
         if self.obstacles is None:
             return []
-        return self.obstacles.groups(self.nodes(rows).shape[0], self.pose)
+        return self.obstacles.groups(self.num_nodes(rows), self.pose)
 
     def body_contacts(self, rows: Rows) -> list[ContactGroup]:
         """Return the contacts of free obstacles with other ones, on the rows of an array."""
         if self.obstacles is None or self.obstacles.bodies is None or self.pose is None:
             return []
-        return self.obstacles.bodies.groups(self.nodes(rows).shape[0], self.pose)
+        return self.obstacles.bodies.groups(self.num_nodes(rows), self.pose)
 
     def groups(self, rows: Rows) -> list[windows.LawGroup]:
         """Return all laws on the rows of an array, in groups, without contacts of far parts."""
         found = [*windows.groups(self.arm.laws, self.axes), *self.near_contacts(rows)]
-        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
+        if (bodies := self.moving_bodies) is not None:
             assert self.pose is not None
-            found.append(self.obstacles.bodies.law(self.nodes(rows).shape[0], self.pose))
+            found.append(bodies.law(self.num_nodes(rows), self.pose))
             found += self.body_contacts(rows)
         return found
 

@@ -13,10 +13,10 @@ Gaps = Float[Array, " w"]
 
 
 class ContactGroup(LawGroup):
-    """Contact on windows of rows, with the attitudes of bodies as its memory."""
+    """Contact on windows of rows. Its memory is the attitude of bodies, where some turn."""
 
     @staticmethod
-    def of(contact: Any, index: index_array.Index, pose: Any = None) -> "ContactGroup":
+    def of(contact: Any, index: index_array.Index, pose: Any) -> "ContactGroup":
         """Return a contact on the windows of an index array; ``pose`` has theirs, if any."""
         return ContactGroup(((contact, (pose, None)),), index)
 
@@ -37,7 +37,7 @@ class ContactGroup(LawGroup):
         return self.each(gap, index_array.gather(rows, self.index))
 
     def push(self, motion: Motion) -> tuple[Gaps, Float[Array, "w k b"]]:
-        """Return the gaps (m), and the forces on the rows of each window (N)."""
+        """Return the gaps (m), and the forces on the rows of each window (N), of obstacles."""
 
         def push(laws: Any, window: Motion) -> tuple[Array, Array]:
             ((contact, held),) = laws

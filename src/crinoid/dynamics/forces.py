@@ -74,6 +74,10 @@ class Forces(eqx.Module):
         """Return the rows of the nodes."""
         return rows[self.rows.nodes]
 
+    def num_nodes(self, rows: Rows) -> int:
+        """Return the number of nodes among the rows."""
+        return int(self.nodes(rows).shape[0])
+
     def flow_velocity(self, points: Points, time: Array) -> Points:
         """Return the velocity of the water at points (m/s)."""
         return jax.vmap(lambda point: self.water.velocity(self.origin + point, time))(points)

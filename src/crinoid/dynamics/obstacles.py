@@ -49,8 +49,8 @@ class Obstacles(eqx.Module):
     """
 
     contacts: tuple[Contact, ...]
-    """Contacts with every edge, obstacle by obstacle: of all round ones and planes at once, and one
-    by one of those with a surface from a file."""
+    """Contacts of every edge: one with all round obstacles and planes, and one with each obstacle
+    whose surface is from a file."""
     members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """Obstacles of each contact."""
     bodies: FreeBodies | None

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 Rows = Float[Array, "rows b"]
 Time = Float[Array, ""]
-Shape = tuple[ActingForces, Time, Rows, Frames | None]
+Undeformed = tuple[ActingForces, Time, Rows, Frames | None]
 
 
-def undeformed(system: System, time: Time) -> Shape:
+def undeformed(system: System, time: Time) -> Undeformed:
     """Return the forces with actuators at rest, the time, and the undeformed shape then."""
     forces = ActingForces.of(system.forces, _context(system))
     return forces, time, *start.undeformed(system.reference, system.base, forces, time)
@@ -35,7 +35,7 @@ def undeformed(system: System, time: Time) -> Shape:
 
 def undeformed_state(system: System, time: Time) -> State:
     """Return the undeformed arm, clamped to the base."""
-    return begin(system, *undeformed(system, time))
+    return state_at_rest(system, *undeformed(system, time))
 
 
 def clearance(system: System, time: Time) -> Float[Array, " m"]:
@@ -52,7 +52,7 @@ def find_equilibrium(system: System, time: Time) -> tuple[State, Outcome]:
     forces, position, frames, outcome = pulled.find(
         system.reference, system.forces, _context(system), system.settings, time, rows, frames
     )
-    return begin(system, forces, time, position, frames), outcome
+    return state_at_rest(system, forces, time, position, frames), outcome
 
 
 def follow_equilibrium(system: System, before: System, state: State) -> tuple[State, Outcome]:
@@ -63,7 +63,7 @@ def follow_equilibrium(system: System, before: System, state: State) -> tuple[St
     whether there is one.
     """
     shape, frames = state.motion.position, state.frames
-    nodes = system.forces.nodes(shape).shape[0]
+    nodes = system.forces.num_nodes(shape)
     free = np.r_[BOUNDARY_NODES:nodes, system.forces.free_rows]
 
     def placed(one: System) -> Rows:
@@ -79,7 +79,7 @@ def follow_equilibrium(system: System, before: System, state: State) -> tuple[St
         frames,
         state.memory,
     )
-    return begin(system, forces, state.time, position, frames), outcome
+    return state_at_rest(system, forces, state.time, position, frames), outcome
 
 
 def stand(system: System, state: State) -> State:
@@ -95,12 +95,7 @@ def stand(system: System, state: State) -> State:
     )
 
 
-def _context(system: System) -> Context:
-    """Return the context of the forces with actuators at rest."""
-    return Context(drives(system.actuators, [each.at_rest() for each in system.actuators]))
-
-
-def begin(
+def state_at_rest(
     system: System, forces: ActingForces, time: Time, position: Rows, frames: Frames | None
 ) -> State:
     """Return the state of a shape that moves rigidly with the base, in dynamic balance."""
@@ -108,3 +103,8 @@ def begin(
     state = start.begin(forces, system.base, followers, time, position, frames)
     triggers = system.grip_triggers
     return state if triggers is None else replace(state, grip=triggers.begin())
+
+
+def _context(system: System) -> Context:
+    """Return the context of the forces with actuators at rest."""
+    return Context(drives(system.actuators, [each.at_rest() for each in system.actuators]))

@@ -24,8 +24,8 @@ class RowLayout(NamedTuple):
     rotations: slice
     """Rotation of each obstacle since the start, where some are free."""
     vehicle: slice
-    bodies: slice
-    """All rows of the obstacles."""
+    obstacle_rows: slice
+    """Positions and rotations of the obstacles."""
 
     @staticmethod
     def of(obstacles: int, *, turning: bool, vehicle: bool) -> "RowLayout":

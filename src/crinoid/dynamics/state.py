@@ -251,7 +251,7 @@ class EnergyAccount(eqx.Module):
     @staticmethod
     def of(forces: Forces, state: State) -> "EnergyAccount":
         """Open the account of an arm that starts from ``state``."""
-        nodes = forces.nodes(state.motion.position).shape[0]
+        nodes = forces.num_nodes(state.motion.position)
         acting = ActingForces.of(forces, state.context)
         known = acting.arm.nonconservative_forces(state.motion, nodes)
         contact = None

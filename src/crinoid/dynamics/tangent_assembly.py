@@ -30,7 +30,7 @@ def assemble_tangent(
     load_factor: Array | None = None,
 ) -> Tangent:
     """Return d(residual)/d(correction), assembled from the elements' Jacobians."""
-    (rows, size), num_nodes = motion.position.shape, forces.nodes(motion.position).shape[0]
+    (rows, size), num_nodes = motion.position.shape, forces.num_nodes(motion.position)
 
     def blocks(group: windows.LawGroup) -> Float[Array, "w k b k b"]:
         return group.jacobians(stage, motion, around, load_factor)
@@ -39,12 +39,14 @@ def assemble_tangent(
     for group in forces.groups(motion.position):
         found, index = blocks(group), group.index
         nodes = int(np.sum(index.reshape(-1, index.shape[-1])[0] < num_nodes))
-        if nodes < index.shape[-1]:
-            others.append((found, index, nodes))
-            edges = found[:, None, :nodes, :, :nodes]
-            found = index_array.scatter(edges, index[..., :1], num_nodes)[ROOT : num_nodes - 1]
+        if nodes == index.shape[-1]:
+            near.append((int(index[0, 0]), found))
+            continue
+        others.append((found, index, nodes))
         if nodes:
-            near.append((int(index[..., 0].min()), found))
+            edges = found[:, None, :nodes, :, :nodes]
+            along = index_array.scatter(edges, index[..., :1], num_nodes)
+            near.append((ROOT, along[ROOT : num_nodes - 1]))
 
     def far_blocks(group: windows.LawGroup) -> Float[Array, "n b n b"]:
         among, at = blocks(group)[:, :NODES, :, :NODES], group.index[:, :NODES]

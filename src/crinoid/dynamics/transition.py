@@ -163,8 +163,8 @@ class LocalCoordinates:
         moves = np.zeros(rows.shape, bool)
         moves[forces.rows.nodes] = True
         moves[:BOUNDARY_NODES] = False
-        if forces.free and forces.obstacles is not None and forces.obstacles.bodies is not None:
-            flat = moves[forces.rows.bodies].reshape(-1)
+        if forces.obstacles is not None and forces.obstacles.bodies is not None:
+            flat = moves[forces.rows.obstacle_rows].reshape(-1)
             flat[list(forces.obstacles.bodies.unknowns(rows.shape[1]))] = True
         if forces.vehicle is not None:
             moves[forces.rows.vehicle].reshape(-1)[list(unknowns(forces.axes, rows.shape[1]))] = (

@@ -1,4 +1,4 @@
-"""Elements on their windows of nodes: groups that share windows, residuals and Jacobians."""
+"""Laws on their windows of rows: groups that share windows, residuals and Jacobians."""
 
 import math
 from collections.abc import Callable
@@ -103,7 +103,7 @@ class LawGroup:
 
     def each(self, of: Callable[..., Any], *windows: Any) -> Any:
         """Return a function of the laws and of arrays with their windows, in each window."""
-        axes = tuple((element.window_axes, 0) for element, _ in self.laws)
+        axes = tuple((law.window_axes, 0) for law, _ in self.laws)
         return jax.vmap(of, (axes, *(0 for _ in windows)))(self.laws, *windows)
 
     def residuals(
@@ -123,7 +123,7 @@ class LawGroup:
             def residual(window: Motion) -> Array:
                 return jnp.sum(residuals(laws, window, load_factor), axis=0)
 
-            relative = all(element.relative for element, _ in laws)
+            relative = all(law.relative for law, _ in laws)
             direction = tangent_direction(stage, slopes)
             return derivative(direction, residual, window, relative=relative)
 

@@ -183,10 +183,10 @@ def _turning(
 class Law(eqx.Module):
     """A force law on windows of rows: of nodes, and of other bodies.
 
-    Every field that is an array has the windows as its leading axis; the methods see one window,
-    without that axis. The equation of motion is that the residuals of all laws add up to zero:
-    ``M a + (internal forces) - (external forces) = 0``. Their tangent matrix follows by
-    forward-mode differentiation.
+    Every field that is an array has the windows as its leading axis, if `window_axes` does not
+    except it; the methods see one window, without that axis. The equation of motion is that the
+    residuals of all laws add up to zero: ``M a + (internal forces) - (external forces) = 0``.
+    Their tangent matrix follows by forward-mode differentiation.
     """
 
     spins: ClassVar[bool] = False

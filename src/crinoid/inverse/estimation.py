@@ -126,7 +126,7 @@ def _notes_on_inputs(
 
 def _require_whole(plan: AssembledScenario, tip: Readings | None) -> None:
     """Refuse vectors with missing coordinates where the frame of the target turns them."""
-    if tip is None or plan.target is None or plan.target.carrier is None:
+    if tip is None or plan.target.carrier is None:
         return
     axes = plan.scenario.arm.dimension
     for vectors in (tip.values[:, :axes], tip.values[:, axes:]):
@@ -190,7 +190,6 @@ def _less_values(
 ) -> Values:
     """Return readings less those where the model is linear about, in the frame of the target."""
     target, size = plan.target, noise.sizes[0]
-    assert target is not None
     begin = array(noise.values[:size])
 
     def change(pose: Array, time: Array) -> Array:
@@ -241,7 +240,7 @@ def _outputs(
     time: Ticks,
 ) -> Estimate:
     """Return tip, shape and current at each call, in the world."""
-    carrier = None if plan.target is None else plan.target.carrier
+    carrier = plan.target.carrier
 
     def at(state: Array, numbers: Array, deviations: tuple[Array, ...], time: Array) -> Estimate:
         def fields(each: Any) -> tuple[Any, ...]:

@@ -1,10 +1,10 @@
 """Windows of rows by an index array: gather them, and add vectors and blocks to their rows.
 
 The last axis of an index array has the ``k`` rows of a window. The axes before are the grid of the
-windows ``w``: one axis, or two of which a row changes along one only (edges by obstacles).
+windows ``w``, one or two (edges by obstacles). On two, each column changes along one of them.
 
-Rows that follow on each other are slices, which XLA fuses with its other operations. For an index
-that is known at run time only, or has many pieces, it has a slow loop.
+Rows that follow on each other are slices, which XLA fuses with other operations. An index that is
+known at run time only, or has many pieces, needs a slow loop.
 """
 
 import functools
@@ -58,11 +58,14 @@ def scatter(windows: Float[Array, "w k ..."], index: Index, count: int) -> Float
 def scatter_blocks(
     blocks: Float[Array, "w k b l b"], rows: Index, columns: Index, shape: tuple[int, int]
 ) -> Float[Array, "n b m b"]:
-    """Add the blocks of windows to a matrix, of rows by columns."""
+    """Add the blocks of windows to a matrix, of rows by columns.
+
+    On a grid of two axes all rows change along one of them, and all columns.
+    """
     size = blocks.shape[2]
     if rows.ndim > 2:
         # of each index only its axis of the grid
-        axes = [_line(index[..., 0])[0] for index in (rows, columns)]
+        axes = [_axis(index) for index in (rows, columns)]
         blocks = blocks.reshape(*rows.shape[:-1], *blocks.shape[1:])
         rows, columns = (
             np.moveaxis(np.asarray(index), axis, 0)[:, 0]
@@ -91,7 +94,14 @@ def _line(index: Int[np.ndarray, "*grid"] | Int[Array, " w"]) -> tuple[int, np.n
     if index.ndim == 1:
         return 0, index
     axis = 0 if (index == index[:, :1]).all() else 1
+    assert axis == 0 or (index == index[:1]).all()
     return axis, np.moveaxis(np.asarray(index), axis, 0)[:, 0]
+
+
+def _axis(index: Index) -> int:
+    """Return the axis of the grid along which all columns of an index array change."""
+    (axis,) = {_line(index[..., place])[0] for place in range(index.shape[-1])}
+    return axis
 
 
 def _pieces(index: Int[np.ndarray, " w"] | Int[Array, " w"]) -> list[slice]:

@@ -24,7 +24,7 @@ from crinoid.scenario import (
     shown,
 )
 from crinoid.scenario.base_motion import InFile, Motion, SineMotion, TableMotion, VelocityMotion
-from crinoid.scenario.model import properties_of
+from crinoid.scenario.model import Model, properties_of
 from crinoid.scenario.obstacle import Plane, Seabed
 from crinoid.scenario.quantity import unit_of
 
@@ -140,8 +140,7 @@ def _steepest(time: Float[np.ndarray, " point"], value: Float[np.ndarray, " poin
 def _loads(facts: Facts) -> Iterator[str]:
     for key in ("force", "magnitude", "moment"):
         for found, value, load in numbers(facts.scenario, f"load.*.{key}"):
-            table: type[LoadTable] = type(load)
-            unit = unit_of(properties_of(table)[key])
+            unit = _unit(load, key)
             power, most = _BENDING.get(unit, (0, math.inf))
             bent = facts.limpness(magnitude(value), power)
             push = 0.0 if key == "moment" or not value else _push(facts, load)
@@ -154,6 +153,11 @@ def _loads(facts: Facts) -> Iterator[str]:
             elif push > 1:
                 text = f"pushes toward the root with {push:.2g} times the load that the arm bears"
                 yield f"{found}: got {got}, which {text}: it buckles or flutters, to either side."
+
+
+def _unit(table: Model, key: str) -> str:
+    """Return the unit of a key of a table; empty if it has none."""
+    return unit_of(properties_of(type(table)).get(key, {}))
 
 
 def _push(facts: Facts, load: LoadTable) -> float:
@@ -228,13 +232,12 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
                 yield f"the passing of an eddy of {name}", flow.length_scale / facts.current, 8
     for table in ("flow", "load", "base.motion"):
         for index, each in enumerate(attrgetter(table)(scenario)):
-            name = f"{table}.{index}"
             if ramp := getattr(each, "ramp_time", 0.0):
-                yield f"the ramp of {name}", ramp, 4
-            if rate := getattr(each, "frequency_hz", 0.0):
-                yield name, 1 / rate, 8
-            if period := getattr(each, "period", 0.0):
-                yield name, period, 8
+                yield f"the ramp of {table}.{index}", ramp, 4
+        for key, unit, power in (("frequency_hz", "Hz", -1), ("period", "s", 1)):
+            for found, value, each in numbers(scenario, f"{table}.*.{key}"):
+                if _unit(each, key) == unit and magnitude(value):
+                    yield found.removesuffix(f".{key}"), magnitude(value) ** power, 8
     for index, obstacle in enumerate(scenario.obstacle):
         if hasattr(obstacle, "radius") and obstacle.velocity != "flow":
             speed = math.hypot(*obstacle.velocity)
