@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -200,9 +200,13 @@ class SessionLog:
 def _without_last_obstacle(whole: Record, *, free: bool) -> Record:
     """Return a record without debris, with rotations if other obstacles are ``free``."""
     assert whole.gap is not None
-    names = ["obstacle_position", "obstacle_velocity", "gap", "touch"]
-    turning = ["obstacle_spin", "obstacle_axis"]
-    parts: dict[str, Any] = {name: getattr(whole, name) for name in names + turning}
+    names = ("obstacle_position", "obstacle_velocity", "gap", "touch")
+    names += ("obstacle_spin", "obstacle_axis")
+    parts: list[Any] = [getattr(whole, name) for name in names]
     alone = whole.gap.shape[1] == 1
-    rest = dict.fromkeys(parts) if alone else jax.tree.map(lambda x: x[:, :-1], parts)
-    return replace(whole, **rest | ({} if free else dict.fromkeys(turning)))
+    rest = [None] * len(parts) if alone else jax.tree.map(lambda x: x[:, :-1], parts)
+    if not free:
+        rest[-2:] = [None, None]
+    return eqx.tree_at(
+        lambda x: [getattr(x, name) for name in names], whole, rest, is_leaf=lambda x: x is None
+    )
