@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
@@ -38,7 +37,7 @@ def in_space(dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape axis=3
     return in_three(dataset[name].transpose(..., "axis").values)
 
 
-def in_three(vectors: ArrayLike) -> Float[np.ndarray, "*shape axis=3"]:
+def in_three(vectors: Any) -> Float[np.ndarray, "*shape axis=3"]:
     """Vectors along all three axes; those of a planar arm have y = 0."""
     given = np.asarray(vectors, float)
     whole = np.zeros((*given.shape[:-1], 3))
