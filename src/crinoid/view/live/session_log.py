@@ -200,8 +200,8 @@ class SessionLog:
 def _without_last_obstacle(whole: Record, *, free: bool) -> Record:
     """Return a record without debris, with rotations if other obstacles are ``free``."""
     assert whole.gap is not None
-    names = ("obstacle_position", "obstacle_velocity", "gap", "touch")
-    names += ("obstacle_spin", "obstacle_axis")
+    names = ["obstacle_position", "obstacle_velocity", "gap", "touch"]
+    names += ["obstacle_spin", "obstacle_axis"]
     parts: list[Any] = [getattr(whole, name) for name in names]
     alone = whole.gap.shape[1] == 1
     rest = [None] * len(parts) if alone else jax.tree.map(lambda x: x[:, :-1], parts)
