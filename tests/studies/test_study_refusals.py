@@ -7,7 +7,7 @@ import pytest
 import tomli_w
 import xarray as xr
 
-from crinoid.cli.sweep import shares_of_time
+from crinoid.cli.weights import shares_of_time
 from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
 from crinoid.studies.batch import batch_of

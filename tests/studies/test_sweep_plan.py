@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from crinoid.cli.sweep import shares_of_time, sweep_table
+from crinoid.cli.sweep import sweep_table
+from crinoid.cli.weights import shares_of_time
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.variation import Span, read_variation
 from crinoid.studies.design import Design
