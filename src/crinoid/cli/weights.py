@@ -23,23 +23,24 @@ def shares_of_time(plan: SweepDesign, file: Path) -> Float[np.ndarray, " run"]:
     """
     runs = [plan.values(run) for run in range(1, plan.runs + 1)]
     keys = [key for key in plan.varied if key != SEED]
-    names = [SPEED, SHARE]
+    names, cases, alone = [SPEED, SHARE], False, len(keys) == 1 and not plan.sampled
     try:
         with file.open(newline="", encoding="utf-8-sig") as stream:
             rows = csv.DictReader(stream)
-            cases = bool(keys) and set(keys) <= set(rows.fieldnames or ())
-            names = [*keys, SHARE] if cases else names
-            table = [[float(row[name]) for name in names] for row in rows]
+            if keys and set(keys) <= set(rows.fieldnames or ()):
+                names, cases = [*keys, SHARE], True
+            table = [[float(row[name]) for name in names] for row in rows if cases or alone]
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         text = f"{file} must have numbers in columns {' and '.join(map(shown, names))}"
         raise refusal("--weights", text) from error
-    if not cases and (len(keys) != 1 or plan.sampled):
+    if not (cases or alone):
         text = "needs one key with a list or a count of values (--vary)"
         raise refusal("--weights", f"{text}, or a file with a column for each key")
     known, parts = np.split(np.array(table).reshape(-1, len(names)), [-1], axis=1)
     parts = parts[:, 0]
     if not (np.isfinite(known).all() and (parts >= 0).all() and abs(parts.sum() - 1) < 0.01):
-        text = f"{file} has shares of time that add up to {parts.sum():.4g}"
+        text = f"{file} has shares of time of {parts.min(initial=0.0):.4g} or more that add up to "
+        text += f"{parts.sum():.4g}"
         raise refusal("--weights", f"{text}; must be 0 or more, and add up to 1")
     return _of_cases(runs, keys, known, parts) if cases else _of_speeds(runs, known[:, 0], parts)
 
