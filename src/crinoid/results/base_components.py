@@ -44,7 +44,7 @@ def base_components(result: Result) -> ComponentRanges:
     for load in _UNITS:
         values = data[f"base_{load}"].values
         if values.ndim == 1:
-            found[f"{load}_y"] = _range(data["time"].values, -values)
+            found[f"{load}_y"] = _range(data["time"].values, 0.0 - values)
             continue
         for axis, component in zip(data["axis"].values, values.T, strict=True):
             found[f"{load}_{axis}"] = _range(data["time"].values, component)
