@@ -259,7 +259,9 @@ def cases_table(
         unit = units[name] = unit_of(registry[name].attributes, size)
         head = f"{heading}\n({unit.name})" if unit.name else heading
         table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("settled\n(s)", justify="right", no_wrap=True)
+    steps = any(row[name] != "" for row in rows for name in ("rise_time", "settling_time"))
+    if steps:
+        table.add_column("settled\n(s)", justify="right", no_wrap=True)
     for row, varied in zip(rows, values, strict=True):
         if not in_columns:
             below = zip(names.values(), varied, strict=True)
@@ -268,9 +270,15 @@ def cases_table(
             row["case"].removeprefix("case-"),
             *varied,
             *("" if row[name] == "" else unit.number(row[name]) for name, unit in units.items()),
-            "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
+            *([_settling(row)] if steps else []),
         )
     return table
+
+
+def _settling(row: Mapping[str, Any]) -> str:
+    """Return the settling time of a case; of one without a step nothing."""
+    found = row["settling_time"]
+    return f"{found:.2f}" if found != "" else "not" * (row["rise_time"] != "")
 
 
 def _folded(key: str, width: int = 9, value: str = "") -> str:
