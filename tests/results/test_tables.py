@@ -147,3 +147,15 @@ def test_a_study_s_table_has_what_was_varied_and_found_in_80_columns():
     assert max(map(len, text.splitlines())) <= 80
     for part in ("modulus", "4e+06", "[0.3, 0.123]", "26", "12.3", "3.46"):
         assert part in text
+
+
+def test_a_study_s_table_says_which_cases_with_a_step_do_not_settle():
+    found = {"steady_error": 1e-5, "rms_error": 0.01, "rms_error_uncontrolled": ""}
+    rows = [
+        {"case": f"case-0{n}", "seed": n, **found, "rise_time": rise, "settling_time": settled}
+        for n, (rise, settled) in enumerate([(1.0, 3.456), (1.0, ""), ("", "")], start=1)
+    ]
+    lines = said(cases_table("A study", ["seed"], rows, MEASURES)).splitlines()
+    cases = [line.split() for line in lines if line.strip().startswith("0")]
+    assert [case[-1] for case in cases] == ["3.46", "not", "10"]
+    assert "settled" not in said(cases_table("A study", ["seed"], rows[2:], MEASURES))
