@@ -266,19 +266,14 @@ def cases_table(
         if not in_columns:
             below = zip(names.values(), varied, strict=True)
             varied = ["\n".join(_folded(short, _VARIED_WIDTH, text) for short, text in below)]
+        settled, not_yet = row["settling_time"], "not" * (row["rise_time"] != "")
         table.add_row(
             row["case"].removeprefix("case-"),
             *varied,
             *("" if row[name] == "" else unit.number(row[name]) for name, unit in units.items()),
-            *([_settling(row)] if steps else []),
+            *([not_yet if settled == "" else f"{settled:.2f}"] if steps else []),
         )
     return table
-
-
-def _settling(row: Mapping[str, Any]) -> str:
-    """Return the settling time of a case; of one without a step nothing."""
-    found = row["settling_time"]
-    return f"{found:.2f}" if found != "" else "not" * (row["rise_time"] != "")
 
 
 def _folded(key: str, width: int = 9, value: str = "") -> str:

@@ -1,7 +1,4 @@
-"""Step response of the tip, to its target or a load: rise time, overshoot and settling time.
-
-The definitions are those of ``step_info`` of python-control.
-"""
+"""Response of the tip to a step of its target or a load, by definitions of python-control."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,20 +11,14 @@ from crinoid.foundation.status import Status
 from crinoid.results.errors import steady_from
 from crinoid.results.result import Result
 
-_RISE = (0.1, 0.9)
-"""Shares of the final value between which a response rises."""
 _BAND = 0.02
 """Share of the final value within which a response is settled, and of the step that it covers."""
 _RETURNS = 2.0
-"""Largest deflection by a load over the final one, beyond which control brings the tip back.
-
-A second-order system overshoots by its final deflection at most."""
+"""Largest deflection by a load over the final one, which no second-order system exceeds."""
 _AWAY = 0.01
 """Distance over the arm's length, or angle (rad), beyond which a tip is away from its target."""
-_NOTHING = 1e-6
-"""Deflection over the arm's length that is none."""
-_ROUND = 1e-9
-"""Round-off of times (s), of distances over the arm's length and of angles (rad)."""
+_NOTHING, _ROUND = 1e-6, 1e-9
+"""Deflection over the arm's length that is none; round-off of it, of times (s) and angles (rad)."""
 _LEAST = 10
 """Saved instants of the shortest response."""
 
@@ -36,27 +27,21 @@ Motion = Float[np.ndarray, "time coordinate"]
 
 
 class StepResponse(NamedTuple):
-    """Numbers of a step response; None where it has no such number."""
+    """Rise time (s), overshoot over the final value, and settling time (s); None if unknown."""
 
     rise_time: float | None = None
-    """Time between 10 % and 90 % of the final value (s)."""
     overshoot: float | None = None
-    """Largest value less the final one, over the final one."""
     settling_time: float | None = None
-    """Time from the step until it stays within 2 % of the final value (s)."""
 
 
 class _Change(NamedTuple):
-    """A change of the target, a load or a flow, with its times (s)."""
+    """A change (s), whether it is a step, motion of the tip (m, rad or 1) and way of the target."""
 
     begin: float
     end: float
     steps: bool
-    """Whether it may be a step; any other one ends the response before it."""
     motion: Motion | None = None
-    """Motion of the tip over the run (m, rad or 1)."""
     way: Float[np.ndarray, " coordinate"] | None = None
-    """Change of the target in the same coordinates; None of a load or a flow."""
 
     def meets(self, other: "_Change") -> bool:
         """Return whether it goes on after the other begins; a load or a flow, if it was first."""
@@ -97,23 +82,20 @@ def step_response(result: Result) -> StepResponse | None:
 def target_response(time: Times, covered: Times) -> StepResponse | None:
     """Return the response to a step of the target, from times since the step (s).
 
-    ``covered`` is the share of the step that the tip has covered. None if in the end that is less
-    than 2 %.
+    ``covered`` is the share of it that the tip has covered. None if in the end that is below 2 %.
     """
     final = float(np.mean(covered[time >= steady_from(time)]))
     if final < _BAND:
         return None
-    share = covered / final
-    settled = _settled(time, np.abs(share - 1.0))
-    return StepResponse(_rise(time, share), _overshoot(share), settled)
+    return _numbers(time, covered / final, np.abs(covered / final - 1.0))
 
 
 def load_response(time: Times, moved: Motion, least: float) -> StepResponse | None:
     """Return the response to a step of a load, from times since the step (s).
 
-    ``moved`` is the deflection of the tip from where it was. The response is its share along the
-    final deflection. Where control brings the tip back, only the settling time remains, into 2 % of
-    the largest deflection. None if that is less than ``least`` (m).
+    ``moved`` is the deflection of the tip, the response that along the final one. Where control
+    brings it back, only the settling time remains, into 2 % of the largest deflection. None if that
+    is below ``least`` (m).
     """
     final = np.mean(moved[time >= steady_from(time)], axis=0)
     size, most = float(np.linalg.norm(final)), float(np.max(np.linalg.norm(moved, axis=1)))
@@ -121,9 +103,23 @@ def load_response(time: Times, moved: Motion, least: float) -> StepResponse | No
         return None
     off = np.linalg.norm(moved - final, axis=1)
     if most > _RETURNS * size:
-        return StepResponse(settling_time=_settled(time, off / most))
-    share = moved @ final / size**2
-    return StepResponse(_rise(time, share), _overshoot(share), _settled(time, off / size))
+        return StepResponse(settling_time=_numbers(time, off, off / most).settling_time)
+    return _numbers(time, moved @ final / size**2, off / size)
+
+
+def _numbers(time: Times, share: Times, off: Times) -> StepResponse:
+    """Return the numbers of a response over its final value, ``off`` from which it is."""
+
+    def first(level: float) -> float:
+        at = max(1, int(np.argmax(share >= level)))
+        return float(np.interp(level, share[at - 1 : at + 1], time[at - 1 : at + 1]))
+
+    outside = int(np.max(np.flatnonzero(off > _BAND), initial=-1))
+    near = slice(max(0, outside), outside + 2)  # between these it comes into the band
+    settled = float(np.interp(-_BAND, -off[near], time[near]))
+    over = max(0.0, float(np.max(share)) - 1.0)
+    late = outside >= 0 and time[outside] >= steady_from(time)
+    return StepResponse(first(0.9) - first(0.1), over, None if late else settled)
 
 
 def _of_target(result: Result) -> list[_Change]:
@@ -147,20 +143,16 @@ def _moves(result: Result, seen: Motion, wanted: Motion, size: float) -> Iterato
     time, scenario = result.dataset["time"].values, result.scenario
     on = scenario.control.start - _ROUND
     counted = max(on, (scenario.target.judged_from or 0.0) - _ROUND)
-
-    def change(start: int, stop: int, way: Float[np.ndarray, " coordinate"]) -> _Change:
-        begin, end = float(time[start]), float(time[stop])
-        return _Change(begin, end, begin >= counted and bool(way.any()), seen, way)
-
-    if on < time[-1]:
-        first = int(np.searchsorted(time, on))
-        way = wanted[first] - seen[first]
-        if np.linalg.norm(way) > _AWAY * size:
-            yield change(first, first, way)
     moving = np.any(np.abs(np.diff(wanted, axis=0)) > _ROUND * size, axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]])))
-    for start, stop in edges.reshape(-1, 2).tolist():
-        yield change(start, stop, wanted[stop] - wanted[start])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]))).reshape(-1, 2)
+    found = [(start, stop, wanted[stop] - wanted[start]) for start, stop in edges]
+    first = min(int(np.searchsorted(time, on)), time.size - 1)
+    away = wanted[first] - seen[first]
+    if np.linalg.norm(away) > _AWAY * size:
+        found.append((first, first, away))
+    for start, stop, way in found:
+        begin, end = float(time[start]), float(time[stop])
+        yield _Change(begin, end, begin >= counted and bool(way.any()), seen, way)
 
 
 def _of_loads(result: Result) -> Iterator[_Change]:
@@ -172,29 +164,3 @@ def _of_loads(result: Result) -> Iterator[_Change]:
         yield _Change(load.start, load.start + load.ramp_time, not (balanced or stops), tip)
         if stop is not None and stops:
             yield _Change(stop, stop, balanced, tip)
-
-
-def _rise(time: Times, share: Times) -> float:
-    begin, end = (_first(time, share, level) for level in _RISE)
-    return end - begin
-
-
-def _first(time: Times, share: Times, level: float) -> float:
-    """Return when a response first reaches a level, between instants linearly."""
-    at = max(1, int(np.argmax(share >= level)))
-    return float(np.interp(level, share[at - 1 : at + 1], time[at - 1 : at + 1]))
-
-
-def _overshoot(share: Times) -> float:
-    return max(0.0, float(np.max(share)) - 1.0)
-
-
-def _settled(time: Times, off: Times) -> float | None:
-    """Return when a deviation last comes into the band; None if it is outside in the last tenth."""
-    outside = np.flatnonzero(off > _BAND)
-    if outside.size == 0:
-        return float(time[0])
-    last = outside[-1]
-    if time[last] >= steady_from(time):
-        return None
-    return float(np.interp(-_BAND, -off[last : last + 2], time[last : last + 2]))
