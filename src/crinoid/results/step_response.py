@@ -127,8 +127,8 @@ def _of_target(result: Result) -> list[_Change]:
     data, scenario = result.dataset, result.scenario
     named, dimension = scenario.control.controlled, scenario.arm.dimension
     axes = [index for index, axis in enumerate(AXES[dimension]) if axis in named]
-    position = (data[f"tip_{each}"].values[:, axes] for each in ("position", "target"))
-    found = list(_moves(result, *position, scenario.arm.length))
+    seen, aim = (data[f"tip_{each}"].values[:, axes] for each in ("position", "target"))
+    found = list(_moves(result, seen, aim, scenario.arm.length))
     pointing = "angle" if dimension == 2 else "direction"
     wanted = f"tip_{pointing}_target"
     if found or pointing not in named or wanted not in data:
