@@ -1,9 +1,12 @@
 """Pictures of a film: panels of runs, and texts, scales and colours over them."""
 
 import textwrap
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, LinearSegmentedColormap
@@ -17,7 +20,7 @@ from crinoid.results.scene.scene import Scene, colour_ranges
 from crinoid.results.units import round_down
 from crinoid.scenario.errors import got, one_of, shown
 from crinoid.view.figures.painter import Shading
-from crinoid.view.figures.style import INK, VERMILLION
+from crinoid.view.figures.style import INK, STYLE, VERMILLION
 from crinoid.view.film.camera import Camera, FilmSettings, camera_of, cloud_of, followed_path
 from crinoid.view.film.encode import Image
 from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, WATER, FilmPanel, pale
@@ -28,6 +31,15 @@ _POINT = 72.0 / _DPI  # points of a pixel
 _LONGEST = 1000  # characters of a title
 _ROOM = 32.0  # least width of a picture with a scale of speeds, in heights of type
 _SPARE = 0.9  # of the width of a title: some lines have wider letters than the mean
+
+
+@contextmanager
+def film_style() -> Iterator[None]:
+    """Let all that is drawn meanwhile look as figures do."""
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        # letters of a title that no installed font has become boxes
+        warnings.filterwarnings("ignore", message="Glyph")
+        yield
 
 
 class PictureFrame:
