@@ -169,7 +169,9 @@ class FilmPanel:
         return list(np.stack([points[:-1], points[1:]], axis=1)), inks
 
     def _aim(self, now: Keyframes) -> list[Strokes]:
-        """Return the target as a ring, with its dashed path."""
+        """Return the target, if there is one, as a ring with its dashed path."""
+        if not self.scene.aims:
+            return [([], _inks(INK, 0.0, 0))]
         run, view = self.run, self.view
         radius = max(0.024 * self.scene.length, 0.6 * float(run.diameter[-1]))
         ring = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)

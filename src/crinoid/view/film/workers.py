@@ -55,7 +55,6 @@ def _start() -> _Worker:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": path},
-        pipesize=1 << 20,
         # a terminal's Ctrl-C is for the film itself, which kills them
         start_new_session=True,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
