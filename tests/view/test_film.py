@@ -266,13 +266,14 @@ def test_a_file_of_others_is_replaced_only_if_that_is_wanted(planar, tmp_path):
 
 @pytest.mark.slow
 def test_many_frames_are_drawn_side_by_side_and_equal(planar, tmp_path, monkeypatch):
+    monkeypatch.setattr(workers, "_LEAST", 5)
     shown = []
     for number in (1, 2):
         monkeypatch.setattr(workers, "cores", lambda number=number: number)
         path = tmp_path / f"{number}.gif"
-        filmed(planar, "--to", path, "--speed", 0.25, *TINY)
+        filmed(planar, "--to", path, "--speed", 2, *TINY)
         shown.append(decoded(path))
-    assert shown[0].shape[0] == 121
+    assert shown[0].shape[0] == 16
     np.testing.assert_array_equal(*shown)
 
 
