@@ -7,8 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
@@ -233,6 +231,9 @@ class Result:
                     "it holds no state that this scenario can go on from: of "
                     f"{name} it has {_kind(saved.get(name))}, not {_kind(wanted.get(name))}"
                 )
+        import jax
+        import jax.numpy as jnp
+
         leaves = [jnp.asarray(saved[name]) for name in wanted]
         return jax.tree.unflatten(jax.tree.structure(like), leaves)
 

@@ -10,9 +10,11 @@ FIGURES = ("png", "pdf", "svg")
 
 
 def require_path(path: Path) -> None:
-    """Require a file or folder."""
+    """Require a file or folder, and no scenario."""
     if not path.exists():
         raise ReportError(f"{path}: no such file or directory")
+    if path.suffix == ".toml":
+        raise ReportError(f"{path} is a scenario; run it first: crinoid run {path}")
 
 
 def require_figures(form: str) -> None:

@@ -19,6 +19,7 @@ from crinoid.results.scene.data import (
     even_indices,
     find_obstacles,
     find_tool,
+    has_target,
     in_space,
     is_spatial,
     shaped,
@@ -160,6 +161,7 @@ class Scene:
     length: float
     nodes: int  # number of the nodes of the result
     members: tuple[Keyframes, ...]
+    aims: bool = True  # whether there is a target
 
 
 def build_scene(result: Result, most: int | None = None, most_nodes: int | None = None) -> Scene:
@@ -169,7 +171,8 @@ def build_scene(result: Result, most: int | None = None, most_nodes: int | None 
     """
     data = result.dataset
     runs = tuple(keyframes(label, each, most, most_nodes) for label, each in result.members)
-    return Scene(is_spatial(data), arm_length(data.isel(time=[0])), data.sizes["node"], runs)
+    length, aims = arm_length(data.isel(time=[0])), has_target(result)
+    return Scene(is_spatial(data), length, data.sizes["node"], runs, aims)
 
 
 def colour_ranges(scene: Scene) -> dict[str, tuple[float, float]]:
