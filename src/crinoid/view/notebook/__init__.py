@@ -290,7 +290,7 @@ def html_of(result: Result) -> str:
     attributes = result.dataset.attrs
     title, status = (str(attributes.get(name, "")) for name in ("title", "status"))
     failed = f"<p>{escape(status)}</p>" if status and status != "ok" else ""
-    return f"<h3>{escape(title)}</h3>{failed}{_numbers(result)}{_animation(result)}"
+    return f"<h3>{escape(title)}</h3>{failed}{_animation(result)}{_numbers(result)}"
 
 
 def _numbers(result: Result) -> str:
