@@ -204,7 +204,7 @@ class Result(Faced):
         return face_of(self)
 
     def _repr_html_(self) -> str:
-        """Return it as notebooks show it: its numbers, and a small animation."""
+        """Return it as notebooks show it: a small animation, and its numbers."""
         from crinoid.view.notebook import html_of
 
         return html_of(self)
