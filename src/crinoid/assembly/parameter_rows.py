@@ -30,9 +30,10 @@ def parameter_rows(parameters: Any) -> Iterator[tuple[str, str, str]]:
 
 def _value(leaf: Any) -> str:
     shape = np.shape(leaf)
-    if isinstance(leaf, jax.core.Tracer):
-        return "traced"
     if np.size(leaf) > _FEW:
         return f"({' x '.join(map(str, shape))} numbers)"
-    numbers = [f"{float(each):.4g}" for each in np.ravel(np.asarray(leaf))]
+    try:
+        numbers = [f"{float(each):.4g}" for each in np.ravel(np.asarray(leaf))]
+    except TypeError:  # traced, or a shape alone
+        return f"({type(leaf).__name__})"
     return f"[{', '.join(numbers)}]" if shape else numbers[0]

@@ -294,7 +294,7 @@ class Parameters(Faced, eqx.Module):
         tables: dict[str, list[str]] = {}
         for table, name, value in parameter_rows(self):
             tables.setdefault(table, []).append(f"{name} {value}")
-        count = sum(leaf.size for leaf in jax.tree.leaves(self))
+        count = sum(np.size(leaf) for leaf in jax.tree.leaves(self))
         place = "in space" if self.arm.dimension == 3 else "in the plane"
         title = f"Parameters of an arm {place} of {self.arm.nodes} nodes: {count} numbers"
         return title, {table: cut_list(parts) for table, parts in tables.items()}
