@@ -244,7 +244,8 @@ def _unsettled(found: dict[str, Vibration]) -> list[str]:
     for medium, vibration in found.items():
         if left := np.flatnonzero(np.isnan(vibration.modes.frequency)).tolist():
             modes = f"mode{'s' * (len(left) > 1)} {', '.join(str(index + 1) for index in left)}"
-            notes.append(f"{_in(medium)} {modes} left out: close to overdamped, no rate settles")
+            why = "the material damps so strongly that no rate settles"
+            notes.append(f"{_in(medium)} {modes} left out: {why}")
     return notes
 
 

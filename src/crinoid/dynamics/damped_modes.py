@@ -82,7 +82,7 @@ def find_relaxing_modes(
 
     Each mode has the stiffness and the damping that the branches have at its own rate, by
     fixed-point iteration. Rates at which the material creeps are no modes. A mode whose rate does
-    not settle, as that of one close to overdamped may not, is NaN.
+    not settle, as one that the branches damp strongly may not, is NaN.
     """
     modes = find_damped_modes(stiffness, damping, mass, count, lines)
     if relaxing is None:
@@ -175,7 +175,8 @@ def find_damped_modes(
         basis, k, c = basis @ own, own.T @ k @ own, own.T @ c @ own
         n = k.shape[0]
         rates, vectors = eig(np.block([[np.zeros((n, n)), np.eye(n)], [-k, -c]]))
-        rates, vectors, own = _slow(rates, vectors[:n], k, round_off(K, M, pull, follow))
+        vectors = vectors[:n].astype(complex)  # real ones where no rate oscillates
+        rates, vectors, own = _slow(rates, vectors, k, round_off(K, M, pull, follow))
         shapes = _in_phase(rates, vectors, basis, size)[:, :count]
         rates, own = rates[:count], own[:count]
         if not whole:
