@@ -52,7 +52,7 @@ def test_a_result_says_its_main_numbers_in_a_few_lines():
     result.uncontrolled = made(0.04)
     assert str(result).splitlines() == [
         'Result of "made up": ok',
-        "  run              10 of 20 s, 101 saved instants, arm in the plane of 0 nodes",
+        "  run              10 of 20 s, 101 saved instants, arm in the plane of 2 nodes",
         "  tip error        RMS 20 mm, largest 20 mm",
         "  without control  RMS 40 mm, largest 40 mm",
         "  on the base      largest force 5 N, moment 0.1 N m",

@@ -174,9 +174,10 @@ class Session(Faced, SteppedRun):
         duration = self.scenario.simulation.duration
         now = f"at {self.time:g} of {duration:g} s{f', {self.ended}' if self.ended else ''}"
         each = f"every {self.period:g} s{', paced' if self.paced else ''}"
+        names, units = ([row[at] for row in self.loop.readings] for at in (0, 1))
         return titled("Session", self.scenario.title, now), {
             "inputs": cut_list(inputs_in_words(self.inputs)) or "none",
-            "readings": cut_list(with_units(*zip(*self.loop.readings, strict=True))),
+            "readings": cut_list(with_units(names, units)),
             "command": each,
             "external": ", ".join(self._signals.kinds),
         }
