@@ -153,7 +153,7 @@ def test_of_many_inputs_the_short_table_has_the_one_nearest_to_a_limit(monkeypat
     run = made(0.0, scenario=crinoid.Scenario().with_values(DRIVEN), slide=0.03 * np.sin(TIME))
     monkeypatch.setattr(table, "_FEW_INPUTS", 1)
     rows = {name: cell for name, cell in table.summary(run).rows if "limit" in name}
-    assert rows == {"nearest to its limit of 2 inputs": "tilt, 30% of its limit"}
+    assert rows == {"nearest limit (2 inputs)": "tilt, 30% of its limit"}
 
 
 def test_a_run_s_table_has_no_round_off():

@@ -161,7 +161,7 @@ class _Table(NamedTuple):
         else:
             most = max(uses, key=lambda name: uses[name].share)
             text = f"{most}, {uses[most].share:.0%} of its limit"
-            self.rows.append([f"nearest to its limit of {len(uses)} inputs", text])
+            self.rows.append([f"nearest limit ({len(uses)} inputs)", text])
             longest = sorted(met, key=lambda name: max(met[name]))[-1:]
             met = {name: met[name] for name in longest}
         for name, each in met.items():
