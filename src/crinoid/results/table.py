@@ -58,6 +58,7 @@ def summary(result: Result, *, full: bool = False) -> RunSummary:
     table = _Table(result, runs, measures_of(result.scenario), full, [])
     with np.errstate(all="ignore"):  # a run that diverged may hold huge numbers
         table.add_errors()
+        table.add_response()
         table.add_inputs()
         table.add_loads()
         table.add_vehicle()
@@ -121,6 +122,12 @@ class _Table(NamedTuple):
         turns = {"angle", "direction"} & set(scenario.control.controlled)
         if scenario.control.acts and turns:
             self._add_errors("angle error", since, "errors:angle_error", DEGREES, _NOTHING)
+
+    def add_response(self) -> None:
+        """Add the response of the tip to a step of its target or a load."""
+        self.add_measure("rise_time")
+        self.add_measure("overshoot", unit=SHARE)
+        self.add_measure("settling_time")
 
     def found(self, function: str) -> list[Any]:
         """Return a statistic of each run that has it."""
@@ -189,6 +196,10 @@ class _Table(NamedTuple):
         )[: 2 if self.full else 1]:
             if (self.measure(name)[0] or 0.0) > nothing:
                 self.add_measure(name, words, unit, nothing=nothing)
+        self.add_measure("life")
+        if self.full:
+            for name in ("max_bending_moment", "max_shear_force"):
+                self.add_measure(name, nothing=_NOTHING)
         if self.full and (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
             self.add_measure("curvature_cycles", "cycles of curvature")
             self.add_measure("equivalent_curvature_range", nothing=0.0)
