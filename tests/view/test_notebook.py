@@ -38,12 +38,16 @@ def compared():
     return result
 
 
-def test_a_result_shows_the_numbers_that_close_its_run():
+def test_a_result_shows_the_numbers_that_close_its_run_and_folds_the_others():
     result = compared()
     html = result._repr_html_()
-    found = summary(result)
-    rows = [[*row, *[""] * (len(found.heads) - len(row))] for row in found.rows]
-    assert Tags(html).rows == [found.heads, *rows]
+    parts = html.split("<details><summary>All numbers</summary>")
+    for full, part in enumerate(parts):
+        found = summary(result, full=bool(full))
+        rows = [[*row, *[""] * (len(found.heads) - len(row))] for row in found.rows]
+        assert Tags(part).rows == [found.heads, *rows]
+    assert len(parts) == 2
+    assert html.endswith("</table></details>")
     assert re.sub("<.*?>", "", html).startswith("An arm")
 
 

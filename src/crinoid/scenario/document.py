@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from crinoid.scenario.dataset_file import as_file
-from crinoid.scenario.errors import got, refusal, shown
+from crinoid.scenario.errors import got, one_of, refusal, shown
 from crinoid.scenario.quantity import Quantity
 
 _KEYS = ("file", "weights")
@@ -144,22 +144,27 @@ def _word(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value).removesuffix(".0")
 
 
-def assign(document: dict[str, Any], key: str, value: Any) -> None:
-    """Set a dotted key of a document, in place; missing tables are created.
+def assign(document: dict[str, Any], key: str, value: Any) -> tuple[Any, ...]:
+    """Set a dotted key of a document, in place, and return its parts; missing tables are created.
 
-    A number is an index into a list; the index after the last one adds an entry.
+    A number is an index into a list, and the index after the last one adds an entry. The ``name``
+    of a table in a list is its index too: ``chamber.left.area``.
     """
     *outer, last = _parts(key)
     table: Any = document
+    found: list[Any] = []
     for depth, part in enumerate(outer):
         index = _index(table, part, key, outer[:depth])
+        found.append(index)
         entry = table.get(index) if isinstance(table, dict) else table[index]
         if entry is None:
             following = [*outer, last][depth + 1]
             entry = table[index] = [] if following.isdecimal() else {}
         table = entry
     # a later key may change a part of a table that was given here
-    table[_index(table, last, key, outer)] = deepcopy(value)
+    index = _index(table, last, key, outer)
+    table[index] = deepcopy(value)
+    return *found, index
 
 
 def value_of(text: str) -> Any:
@@ -175,8 +180,9 @@ def value_at(document: dict[str, Any], key: str) -> Any:
     """Return the value at a dotted key of a document, or None without one."""
     found: Any = document
     for part in _parts(key):
-        if isinstance(found, list) and part.isdecimal() and int(part) < len(found):
-            found = found[int(part)]
+        if isinstance(found, list):
+            part = str(_names(found).get(part, part))
+            found = found[int(part)] if part.isdecimal() and int(part) < len(found) else None
         elif isinstance(found, dict):
             found = found.get(part)
         else:
@@ -191,13 +197,22 @@ def _index(table: Any, part: str, key: str, outer: list[str]) -> Any:
         return part
     if not isinstance(table, list):
         raise refusal(key, f"unknown key; {here} is {shown(table)} and not a table")
+    names = _names(table)
+    if part in names:
+        return names[part]
     if not part.isdecimal() or len(part) > 9 or int(part) > len(table):
-        text = f"unknown key; must be an index into {here} from 0 to {len(table)}. "
-        text += f"Use {len(table)} to add an entry."
-        raise refusal(key, text)
+        text = f"unknown key; must be an index into {here} from 0 to {len(table)}"
+        text += f", or {one_of(names)}" if names else ""
+        raise refusal(key, f"{text}. Use {len(table)} to add an entry.")
     if int(part) == len(table):
         table.append(None)
     return int(part)
+
+
+def _names(tables: list[Any]) -> dict[str, int]:
+    """Return the indices of the tables in a list that have a name."""
+    named = [each.get("name") if isinstance(each, dict) else None for each in tables]
+    return {name: index for index, name in enumerate(named) if isinstance(name, str)}
 
 
 def _parts(key: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Results in notebooks: a table of their numbers, a small animation, and plots.
+"""Results in notebooks: a small animation, a table of their main numbers, and plots.
 
 `crinoid.Result` imports it when it is displayed.
 """
@@ -290,13 +290,15 @@ def html_of(result: Result) -> str:
     attributes = result.dataset.attrs
     title, status = (str(attributes.get(name, "")) for name in ("title", "status"))
     failed = f"<p>{escape(status)}</p>" if status and status != "ok" else ""
-    return f"<h3>{escape(title)}</h3>{failed}{_numbers(result)}{_animation(result)}"
+    return f"<h3>{escape(title)}</h3>{failed}{_animation(result)}{_numbers(result)}"
 
 
 def _numbers(result: Result) -> str:
     try:
-        still = result.dataset.sizes["time"] == 1
-        return table_of(equilibrium_summary(result) if still else summary(result))
+        if result.dataset.sizes["time"] == 1:
+            return table_of(equilibrium_summary(result))
+        short, whole = (table_of(summary(result, full=full)) for full in (False, True))
+        return f"{short}<details><summary>All numbers</summary>{whole}</details>"
     except Exception as error:  # a notebook would show a traceback and nothing else
         return _reason("no numbers", error)
 
