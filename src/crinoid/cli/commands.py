@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from crinoid.cli.command import complete_name
-from crinoid.cli.declaration import Command, Option, must, out, resume
+from crinoid.cli.declaration import FILES, Command, Option, must, out, resume
 
 DEFAULT = "station-keeping"
 """Scenario of `crinoid run` without one."""
@@ -19,7 +19,10 @@ _SET = Option(
     name="settings",
 )
 _FORCE = Option(
-    "--force", False, "Replace the finished result of another scenario, or files of others."
+    "--force",
+    False,
+    "Replace the finished result of another scenario, or files of others.",
+    group=FILES,
 )
 _RESULT = Option("RESULT", Path, "A folder that `crinoid run` wrote.")
 _POSITIVE = must("be at least 1", lambda value: value >= 1)
@@ -219,3 +222,12 @@ COMMANDS = (
         _SET, out("results/SCENARIO-train"), resume("training"), _FORCE),
 )
 # fmt: on
+GROUPS = {
+    "Run": ("run", "live", "equilibrium"),
+    "Analyse": ("modes", "margins", "linearise"),
+    "Study and design": ("compare", "sweep", "tune", "optimise", "train"),
+    "Records of the sea and of experiments": ("flow", "identify", "estimate"),
+    "Results": ("report", "film", "export"),
+    "Scenarios and installation": ("scenarios", "doctor"),
+}
+"""Names of commands, as help groups them."""
