@@ -1,5 +1,6 @@
 """All commands: options, defaults and help. Nothing here loads JAX, or the body of a command."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,7 +31,11 @@ _POSITIVE = must("be at least 1", lambda value: value >= 1)
 
 def _measured(text: str) -> Option:
     def missing(path: Path) -> str:
-        return "" if path.exists() else f"{path}: no such file"
+        if not path.exists():
+            return f"{path}: no such file"
+        if path.suffix != ".toml" or re.search("^\\W*experiment", path.read_text("utf-8"), re.M):
+            return ""
+        return f"got {path}, a scenario; must be a record of measurements"
 
     return Option("RECORD", Path, f"What was measured: {text}", False, check=missing)
 

@@ -62,8 +62,8 @@ _NEAR = re.compile(r"(?:Did you mean|Possible options:) (.*?)[?)]*$")
 @contextmanager
 def _in_one_line(words: Sequence[str]) -> Iterator[None]:
     for flag, given, value in zip(words, words[1:], [*words[2:], "VALUE"], strict=False):
-        if flag == "--set" and "=" not in given and given[:1] != "-":
-            stop(f'--set: got "{given}"; must be KEY=VALUE. Write --set {given}={value}.')
+        if flag in ("--set", "--vary", "--over", "--draw") and not re.search("=|^-", given):
+            stop(f'{flag}: got "{given}"; must be KEY=VALUE. Write {flag} {given}={value}.')
     try:
         yield
     except TyperException as error:

@@ -66,6 +66,14 @@ def format_for(name: str, options: Mapping[str, object]) -> Format:
     return form
 
 
+def place_of(out: Path, form: Format, stem: str) -> tuple[Path, str]:
+    """Return folder and stem of the files: ``out`` is a folder, or ends like the first file."""
+    ending = form.endings[0]
+    if out.is_dir() or not out.name.lower().endswith(ending):
+        return out, stem
+    return out.parent, out.name[: -len(ending)]
+
+
 def writer_of(form: Format) -> Callable[..., Any]:
     """Load the writer of a format; a library that lacks is a `ReportError`."""
     module, _, function = form.writer.partition(":")
