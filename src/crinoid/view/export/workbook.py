@@ -73,7 +73,7 @@ def _in_degrees(unit: str) -> tuple[float, str]:
 
 
 def _add_chart(book: xlsxwriter.Workbook, heads: Sequence[str], rows: int) -> None:
-    """Draw the error of the tip over time, if the table has it, on a sheet of its own."""
+    """Draw the error of the tip over time on the first sheet, if the table has it."""
     for place, head in enumerate(heads):
         if head.startswith("tip_error"):
             chart = book.add_chart({"type": "scatter", "subtype": "straight"})
@@ -82,7 +82,7 @@ def _add_chart(book: xlsxwriter.Workbook, heads: Sequence[str], rows: int) -> No
             chart.set_x_axis({"name": TIME})
             chart.set_y_axis({"name": head})
             chart.set_legend({"none": True})
-            book.add_chartsheet("tip error").set_chart(chart)
+            book.get_worksheet_by_name("summary").insert_chart("F2", chart)
 
 
 def _write(book: xlsxwriter.Workbook, name: str, head: Row, rows: Iterable[Row]) -> None:
