@@ -1,7 +1,7 @@
 """Exports as others read them: ParaView's reader, pandas, a reader of glTF, the library of USD."""
 
-import re
 import csv
+import re
 import shutil
 import sys
 import zipfile
