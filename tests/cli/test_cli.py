@@ -74,6 +74,7 @@ QUICK = {
     "modes small.toml --count abc": '--count: got "abc"; must be a whole number. ',
     "film . --speed fast": '--speed: got "fast"; must be a number. ',
     "report small.toml": "small.toml: is a scenario; must be a folder of crinoid run. ",
+    "export . --to csv --out a.xlsx": '--out: got "a.xlsx"; must be a folder, or ',
     "report empty": "empty: no result here. ",
     "export empty --to csv": "empty: no result here. ",
     "estimate small.toml small.toml": "RECORD: got small.toml, a scenario; must be a record of ",
