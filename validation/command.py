@@ -154,7 +154,6 @@ def _yes(holds: bool) -> str:
 def _wrong(each: Attempt) -> str:
     """Return the name of a case that does not hold, and what does not."""
     if each.evidence is None:
-        ended = f"was not run: {each.trouble}" if each.left_out else "failed"
-        return f"{each.case.name} {ended}"
+        return f"{each.case.name}{f': {each.trouble}' if each.left_out else ' failed'}"
     missed = [check.quantity for check in each.evidence.checks if not check.holds]
     return f"{each.case.name} does not hold: {listed(missed, VALIDATION)}"

@@ -20,7 +20,8 @@ def require_path(path: Path) -> None:
         hint = f"Run it first: crinoid run {path}"
         raise ReportError(f"{path}: is a scenario; must be a folder of crinoid run. {hint}.")
     if path.is_dir() and not any(each.suffix in _KEPT for each in path.iterdir()):
-        raise ReportError(f"{path}: no result here. Name a folder that crinoid wrote.")
+        text = f"{path}: no result here; it contains no result.nc nor another file of a result"
+        raise ReportError(f"{text}. Name a folder that crinoid wrote.")
 
 
 def require_figures(form: str) -> None:
