@@ -212,7 +212,7 @@ COMMANDS = (
         Option("--scheduler ADDRESS", str,
             "Scheduler of dask.distributed whose workers are to run it.", "this machine"),
         Option("--weights FILE", Path,
-            "Histogram of speed of crinoid flow: the values of one key then have shares of time."),
+            "Shares of time: histogram of speed of crinoid flow, or a column for each key."),
         Option("--dry-run", False, "Estimate the cost, and write nothing."),
         _SET, out("results/SCENARIO-sweep"), resume("sweep"), _FORCE),
     Command("train", "crinoid.cli.study_commands:train",
