@@ -1,10 +1,11 @@
 """All commands: options, defaults and help. Nothing here loads JAX, or the body of a command."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 from crinoid.cli.command import complete_name
-from crinoid.cli.declaration import Command, Option, must, out, resume
+from crinoid.cli.declaration import FILES, Command, Option, must, out, resume
 
 DEFAULT = "station-keeping"
 """Scenario of `crinoid run` without one."""
@@ -19,7 +20,10 @@ _SET = Option(
     name="settings",
 )
 _FORCE = Option(
-    "--force", False, "Replace the finished result of another scenario, or files of others."
+    "--force",
+    False,
+    "Replace the finished result of another scenario, or files of others.",
+    group=FILES,
 )
 _RESULT = Option("RESULT", Path, "A folder that `crinoid run` wrote.")
 _POSITIVE = must("be at least 1", lambda value: value >= 1)
@@ -27,7 +31,11 @@ _POSITIVE = must("be at least 1", lambda value: value >= 1)
 
 def _measured(text: str) -> Option:
     def missing(path: Path) -> str:
-        return "" if path.exists() else f"{path}: no such file"
+        if not path.exists():
+            return f"{path}: no such file"
+        if path.suffix != ".toml" or re.search("^\\W*experiment", path.read_text("utf-8"), re.M):
+            return ""
+        return f"got {path}, a scenario; must be a record of measurements"
 
     return Option("RECORD", Path, f"What was measured: {text}", False, check=missing)
 
@@ -220,3 +228,12 @@ COMMANDS = (
         _SET, out("results/SCENARIO-train"), resume("training"), _FORCE),
 )
 # fmt: on
+GROUPS = {
+    "Run": ("run", "live", "equilibrium"),
+    "Analyse": ("modes", "margins", "linearise"),
+    "Study and design": ("compare", "sweep", "tune", "optimise", "train"),
+    "Records of the sea and of experiments": ("flow", "identify", "estimate"),
+    "Results": ("report", "film", "export"),
+    "Scenarios and installation": ("scenarios", "doctor"),
+}
+"""Names of commands, as help groups them."""

@@ -37,9 +37,9 @@ def export(
 def film(result: Path, to: Path | None, size: str | None, *, force: bool, **others: Any) -> None:
     """Film a result; ``others`` are settings of the camera."""
     camera = CameraSettings(size=None if size is None else size_of(size), **others)
-    require_path(result)
     if to is not None:
         ending_of(to)
+    require_path(result)
     with Loading():
         from crinoid.cli.display import progress_bar, say_notes, say_written
         from crinoid.view.film.encode import NO_ENCODER, has_encoder

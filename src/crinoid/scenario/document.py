@@ -20,6 +20,17 @@ _KEYS = ("file", "weights")
 """Keys that name a file."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.,=+-]+")
 """Characters of a name that a shell or a file system may treat in some other way."""
+_REMEDIES = (
+    (r"[^=]*=\s*[-+\d.eE]+\s*[^\W\d]", "Write the number only, in the unit of the key."),
+    (r"[^=]*=\s*[-+]?\d+,\d", "Write a point in a number, not a comma."),
+    (r"[^=]*=\s*[-+]?\.\d", "Write 0 before the point."),
+    (r"[^=]*=\s*(True|False)", "Write true or false in small letters."),
+    (r"[^=]*=\s*\(", "Write a list in [ ]."),
+    (r"[^=]*=\s*[^\W\d]", "Write text in quotes."),
+    (r"\s*[\w.]+\s*:", "Write = between a key and its value."),
+    (r"\s*\[\w+\]", "Write [[ ]] around the name of each of several tables."),
+)
+"""Lines that are not valid TOML, and how to mend them."""
 _LONGEST = 72
 """Characters of a name of changes."""
 
@@ -102,6 +113,9 @@ def parse(text: str) -> dict[str, Any]:
         lines = text.split("\n")
         end = f"(at line {len(lines)}, column {len(lines[-1]) + 1})"
         reason = str(error).replace("(at end of document)", end)
+        line = lines[int(at[1]) - 1] if (at := re.search(r"at line (\d+)", reason)) else ""
+        hints = (hint for pattern, hint in _REMEDIES if re.match(pattern, line))
+        reason += f": {line.strip()[:60]}. {next(hints, '')}".rstrip() if line.strip() else ""
     raise refusal("", f"not valid TOML: {reason}")
 
 
