@@ -142,8 +142,10 @@ class FilmPanel:
         return list(np.stack([points[:-1], points[1:]], axis=1)), inks
 
     def _aim(self, now: Keyframes) -> list[Strokes]:
-        """Return the target as a ring, with its dashed path."""
+        """Return the target as a ring, with its dashed path; nothing where there is none."""
         run, view = self.run, self.view
+        if not run.aims:
+            return [([], _inks(INK, 0.0, 0))]
         radius = max(0.024 * self.scene.length, 0.6 * float(run.diameter[-1]))
         ring = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
         marks = [ring, *(np.outer([0.75, 1.35], ring[8 * i]) for i in range(4))]
