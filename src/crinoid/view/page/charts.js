@@ -52,7 +52,10 @@ class Charts {
     this.recolour();
     for (const folded of document.querySelectorAll("details.chart")) {
       folded.open = false;
-      folded.addEventListener("toggle", () => setTimeout(() => this.go(this.time, true), 100));
+      folded.addEventListener("toggle", () => { // the page may be wider now
+        for (const { view, plot } of this.panels) if (folded.contains(plot)) view.invalidate_layout();
+        setTimeout(() => this.go(this.time, true), 100);
+      });
     }
   }
 
@@ -164,12 +167,20 @@ function csvOf({ said, traces, rows, entries }) {
 const FINE = 3; // pixels of a picture for each on the screen
 const LINE_HEIGHT = 17;
 
-// A picture of a panel with its label and key.
+// A picture of a panel with its label, its key and its lower axis, which the page shows once for several panels.
 async function pictureOf({ said, view, entries }) {
-  const image = new Image(), drawing = URL.createObjectURL(await view.export("svg").to_blob());
+  const { model } = view, [axis] = model.below, { visible } = axis, { height: tall, min_border_bottom: room } = model;
+  const lay = async (shown, by) => {
+    axis.visible = shown;
+    model.setv({ height: tall + by, min_border_bottom: room + by });
+    await new Promise((done) => { setTimeout(done, 100); });
+  };
+  if (!visible) await lay(true, 18);
+  const image = new Image(), { width, height } = view.bbox, drawing = URL.createObjectURL(await view.export("svg").to_blob());
+  if (!visible) await lay(false, 0);
   image.src = drawing;
   await image.decode();
-  const { width, height } = view.bbox, canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), style = getComputedStyle(document.body);
+  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), style = getComputedStyle(document.body);
   const named = entries.filter(({ mark }) => mark.isConnected && entries.length > 1), font = `12px ${style.fontFamily}`, places = [];
   pen.font = font;
   let [x, y] = [0, LINE_HEIGHT];
@@ -185,7 +196,7 @@ async function pictureOf({ said, view, entries }) {
   Object.assign(pen, { fillStyle: style.backgroundColor, font, textBaseline: "middle", lineWidth: 2 });
   pen.fillRect(0, 0, width, head + height);
   pen.fillStyle = style.color;
-  pen.fillText(said.unit ? `${said.label} (${said.unit})` : said.label, 4, LINE_HEIGHT / 2 + 2);
+  pen.fillText(`${said.unit ? `${said.label} (${said.unit})` : said.label} over ${said.timed ? "time (s)" : "frequency (Hz)"}`, 4, LINE_HEIGHT / 2 + 2);
   named.forEach(({ name, mark }, i) => {
     const [left, top] = places[i], middle = top + LINE_HEIGHT / 2;
     pen.strokeStyle = mark.style.borderTopColor;
