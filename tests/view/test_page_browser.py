@@ -174,7 +174,8 @@ def test_the_submarine_is_whole_in_the_frame_of_all(browser, tmp_path):
             opened.ask("() => crinoid.preset('side')")
             half[framed], hulls, centre, across, aspect = opened.ask(
                 """() => { const { camera, hulls } = crinoid.scene;
-                return [camera.half, hulls, camera.centre, camera.axes.across, crinoid.aspect()]; }"""
+                const { half, centre, axes } = camera;
+                return [half, hulls, centre, axes.across, crinoid.aspect()]; }"""
             )
             away = np.abs((np.array(hulls) - centre) @ across)
             assert (away.max() < half[framed] * aspect) == (framed == "all")
