@@ -184,7 +184,10 @@ def test_the_page_shows_numbers_notes_and_how_to_repeat_the_run(plain):
 
 def test_numbers_and_notes_come_first_and_energy_and_solver_are_folded(plain):
     page = plain[0]
-    order = [page.index(each) for each in ("<h2>Numbers", "<h2>Notes", 'id="charts"', ">Scenario<")]
+    order = [
+        page.index(each)
+        for each in ("<h2>Numbers", ">All numbers<", "<h2>Notes", 'id="charts"', ">Scenario<")
+    ]
     assert order == sorted(order)
     charts = json.loads(plain[1].texts["table"])["charts"]
     assert [each["name"] for each in charts if each["folded"]] == ["energy", "effort"]

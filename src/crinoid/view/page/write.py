@@ -95,13 +95,18 @@ def page_of(run: Result) -> str:
 
 
 def _numbers(run: Result) -> str:
-    """Return the main numbers of a run in HTML."""
+    """Return the main numbers of a run in HTML, and all of them folded away."""
+    still = run.dataset.sizes["time"] == 1
     try:
-        still = run.dataset.sizes["time"] == 1
         found = equilibrium_summary(run) if still else summary(run)
+        whole = found if still else summary(run, full=True)
     except (LookupError, ValueError, ScenarioError):
         return "<h2>Numbers</h2><p>The result lacks variables of the summary.</p>"
-    return f'<h2>Numbers</h2><div class="scroll numbers">{parts.table_of(found)}</div>'
+    short, full = (
+        f'<div class="scroll numbers">{parts.table_of(each)}</div>' for each in (found, whole)
+    )
+    more = "" if still else f"<details><summary>All numbers</summary>{full}</details>"
+    return f"<h2>Numbers</h2>{short}{more}"
 
 
 def _facts(run: Result) -> str:
