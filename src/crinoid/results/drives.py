@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from crinoid.results.result import Result
 from crinoid.results.units import Unit, length_unit, power_of_ten, si_unit
+from crinoid.scenario import Chamber, Tendon
 
 _UNITS = {"max_pressure": "Pa", "max_volume": "m3", "max_tension": "N", "max_shortening": "m"}
 _SMALL = 1e-3  # share below which it is written with a power of ten
@@ -36,9 +37,8 @@ def actuator_drives(result: Result) -> list[ActuatorDrive]:
     data, scenario = result.dataset, result.known_scenario
     if "actuator_state" not in data:
         return []
-    threads = [*scenario.chamber, *scenario.tendon]
+    threads: list[Chamber | Tendon] = [*scenario.chamber, *scenario.tendon]
     named = dict(zip(scenario.thread_names, threads, strict=True))
-    kinds = dict.fromkeys(scenario.thread_names[: len(scenario.chamber)], "chamber")
     found = []
     for name, unit in zip(data["input"].values, data["input_unit"].values, strict=True):
         each = [data[f"actuator_{part}"].sel(input=name).values for part in ("state", "command")]
@@ -47,10 +47,13 @@ def actuator_drives(result: Result) -> list[ActuatorDrive]:
             found.append(ActuatorDrive(str(name), "actuator", str(unit), *each))
             continue
         state, command = (thread.largest * part for part in each)
-        if thread.largest_key == "max_tension" and not thread.pair:
+        unit = _UNITS[thread.largest_key]
+        if isinstance(thread, Chamber):
+            found.append(ActuatorDrive(str(name), "chamber", unit, state, command))
+            continue
+        if unit == "N" and not thread.pair:
             state = state + thread.pretension
-        kind = kinds.get(str(name), "tendon")
-        found.append(ActuatorDrive(str(name), kind, _UNITS[thread.largest_key], state, command))
+        found.append(ActuatorDrive(str(name), "tendon", unit, state, command))
     return found
 
 

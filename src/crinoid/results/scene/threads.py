@@ -55,7 +55,8 @@ def find_threads(result: Result, nodes: Int[np.ndarray, " node"]) -> Iterator[Th
             away = np.interp(along, (0.0, 1.0), np.broadcast_to(thread.offset, 2))
         angle = np.deg2rad(thread.angle_deg + along * getattr(thread, "twist_deg", 0.0))
         offset = np.stack([away * np.cos(angle), away * np.sin(angle)], axis=1)
-        drive, kind = drives[name], "chamber" if isinstance(thread, Chamber) else "tendon"
+        drive = drives[name]
+        kind: Literal["chamber", "tendon"] = "chamber" if isinstance(thread, Chamber) else "tendon"
         largest = drive_unit(drive.unit, thread.largest).text(thread.largest)
         share = drive.state / thread.largest
         yield ThreadLine(kind, first, last, offset, thread.pair, share, largest)

@@ -64,7 +64,8 @@ def page_of(run: Result) -> str:
     """
     still = run.dataset.sizes["time"] == 1
     charts = [] if still else [chart for _, chart in charts_of(run)]
-    plots = plots_of(charts, *_span(run), run.known_scenario.arm.length)
+    begin, end = _span(run)
+    plots = plots_of(charts, begin, end, run.known_scenario.arm.length)
     texts, left_out = _animation(run, page_scene(run), plots.charts)
     attributes = run.dataset.attrs
     scenario = str(attributes.get("scenario", ""))
@@ -72,7 +73,6 @@ def page_of(run: Result) -> str:
         left_out.append(f"The scenario is cut off after {_LONGEST} characters.")
     failed = run.ended is not Status.OK
     kind = "arm in space" if run.dataset.sizes["axis"] == 3 else "planar arm"
-    begin, end = _span(run)
     lasts = "one instant" if still else f"{end - begin:g} s"
     words = [kind, f"{run.dataset.sizes['node']} nodes", lasts]
     words += [] if run.uncontrolled is None else ["with and without control"]
