@@ -156,7 +156,7 @@ class _Pages:
             if is_spatial(part.run.dataset):
                 box = box_around(points_of(part.run.scene))
                 draw_over_time(axes, part.run.scene, smooth_arm(member), box)
-                axes.set_title("")
+                axes.set_title("", loc="left")
             else:
                 draw_in(axes, part.run.dataset, SIDE, None, False)
         self._save(page)

@@ -107,7 +107,7 @@ def _found(row: xr.Dataset) -> str:
     """Return a parameter in words: its value with its standard error and its unit."""
     label, _, unit = key_label(str(row["parameter"].item())).partition(" (")
     value, error, given = (float(row[each]) for each in ("found", "standard_error", "given"))
-    range_of = f" ± {error:.2g}" if row.get("determined", True) else ""
+    range_of = f" ± {plain_number(float(f'{error:.2g}'))}" if row.get("determined", True) else ""
     unit = f" {unit.removesuffix(')')}" if unit else ""
     doubt = "" if range_of else ", not determined"
     return f"{label} {plain_number(value)}{range_of}{unit} (initially {plain_number(given)}){doubt}"

@@ -262,7 +262,7 @@ def _extent(
     lacking = np.maximum(np.array([0.4, 0.2]) * (high - low).max() - (high - low), 0.0)
     low, high = low - lacking / 2, high + lacking / 2
     if scale > 0.0:
-        high[1] += _KEY / 5.0 * float((high - low).max())
+        high[1] += _KEY / (2.0 if style.narrow() else 5.0) * float((high - low).max())
     return low, high
 
 
@@ -275,6 +275,7 @@ def draw_close_up(run: Result) -> Figure:
     turned = style.narrow() or len(views) == 1
     down, across = shape[::-1] if turned else shape
     high = 2.5 * down if max(shape) > 1 else 4.2
+    high = 1.2 + 2.2 * down if style.narrow() else high
     figure = style.new_figure(3.7 + high)
     rows = figure.add_gridspec(2, 1, height_ratios=[high, 2.6])
     panels = rows[0].subgridspec(down, across).subplots(squeeze=False)

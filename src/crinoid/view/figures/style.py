@@ -134,7 +134,7 @@ def columns(wide: float, most: int) -> int:
 
 def small() -> float:
     """Return the size of small letters (pt)."""
-    return float(mpl.rcParams["legend.fontsize"])
+    return 8.5 if _PRINTED.get() is None else 7.0
 
 
 def time_map() -> Colormap:
@@ -194,7 +194,8 @@ def key_with(figure: Figure, handles: list[Any], where: str) -> None:
     words = [str(each.get_label()) for each in handles]
     most = 1 if "right" in where else 4
     place: Any = {"loc": where, "ncols": _columns(words, width() - 0.3, most), "borderaxespad": 0.3}
-    legend = figure.legend(handles=handles, **place)
+    # of the figure even on a larger page
+    legend = figure.legend(handles=handles, bbox_to_anchor=(0.0, 0.0, 1.0, 1.0), **place)
     if "lower" not in where or "outside" in where:
         return
     wide, tall = figure.get_size_inches()
