@@ -1,6 +1,7 @@
 """Figures of optimisation, training and identification."""
 
 import textwrap
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -41,8 +42,9 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
         axes.set_xlabel(style.wrap(key_label(key_of), len(keys)))
         near, far = np.sort(np.abs(data["range"].values[row]))
         if near > 0 and far > 10 * near:  # of one sign
-            scale = {"value": "symlog", "linthresh": near} if data["best"][row] < 0 else "log"
-            axes.set(xscale=scale)
+            negative = data["best"].values[row] < 0
+            below: dict[str, Any] = {"linthresh": near} if negative else {}
+            axes.set_xscale("symlog" if negative else "log", **below)
             axes.xaxis.set_minor_formatter(NullFormatter())
     for column, axes in enumerate(grid[:, 0]):
         some = shown[column][np.isfinite(shown[column]) & (shown[column] > 0)]
@@ -107,10 +109,12 @@ def _found(row: xr.Dataset) -> str:
     """Return a parameter in words: its value with its standard error and its unit."""
     label, _, unit = key_label(str(row["parameter"].item())).partition(" (")
     value, error, given = (float(row[each]) for each in ("found", "standard_error", "given"))
-    range_of = f" ± {plain_number(float(f'{error:.2g}'))}" if row.get("determined", True) else ""
-    unit = f" {unit.removesuffix(')')}" if unit else ""
-    doubt = "" if range_of else ", not determined"
-    return f"{label} {plain_number(value)}{range_of}{unit} (initially {plain_number(given)}){doubt}"
+    determined = bool(row.get("determined", True))
+    words = [label, plain_number(value)]
+    words += ["±", plain_number(float(f"{error:.2g}"))] if determined else []
+    words += [unit.removesuffix(")")] if unit else []
+    words += [] if determined else ["not determined"]
+    return f"{' '.join(words)} (initially {plain_number(given)})"
 
 
 def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> str:
