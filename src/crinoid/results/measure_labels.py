@@ -15,7 +15,7 @@ _PREFIXED = ("s", "N", "N m", "J")
 _MAIN = (
     *("rms_error", "p95_error", "max_error", "within_tolerance", "steady_error"),
     *("rms_error_uncontrolled", "rms_angle_error", "max_angle_error", "settling_time", "work"),
-    *("max_base_force", "max_base_moment", "max_strain", "min_gap", "vehicle_excursion"),
+    *("max_base_force", "max_base_moment", "max_strain", "life", "min_gap", "vehicle_excursion"),
 )
 
 

@@ -148,6 +148,27 @@ MEASURES = {
             ("max", "largest", "largest", "maximum"), ("rms", "RMS", "RMS", "rms"),
             ("p95", "P95", "95th percentile of the", "p95"))
     },
+    **{
+        f"base_{load}_{axis}_{end}{time}": Measure(
+            "s" if time else unit, f"{word} base {load} {way} {axis}{', time' if time else ''}",
+            f"{'time of the ' if time else ''}{word} {load} of the arm on its base {way} {axis}",
+            f"base_components:base_components.{load}_{axis}_{end}{time}")
+        for load, unit, way in (("force", "N", "along"), ("moment", "N m", "about"))
+        for axis in "xyz"
+        for end, word in (("min", "least"), ("max", "greatest"))
+        for time in ("", "_time")
+    },
+    **{
+        f"max_{load}{end}": Measure(
+            unit or own, f"{short}largest {words}", f"{text}largest {words} of the arm",
+            f"loads:largest_{load}.{field}")
+        for load, own in (("bending_moment", "N m"), ("shear_force", "N"))
+        for words in (load.replace("_", " "),)
+        for end, unit, short, text, field in (
+            ("", "", "", "", "value"),
+            ("_station", "m", "station of ", "distance from the root of the ", "station"),
+            ("_time", "s", "time of ", "time of the ", "time"))
+    },
     "max_curvature": Measure(
         "m-1", "largest curvature", "largest curvature of the arm",
         "loads:largest_curvature.value"),
@@ -169,6 +190,12 @@ MEASURES = {
     "equivalent_curvature_range": Measure(
         "m-1", "equivalent curvature range", "range of as many equal cycles of the same damage",
         "loads:bending_cycles.equivalent_range"),
+    "life": Measure(
+        "year", "fatigue life", "fatigue life of the arm in the conditions of the run",
+        "fatigue:fatigue_life.life"),
+    "life_station": Measure(
+        "m", "station of fatigue", "distance from the root at which the fatigue life is shortest",
+        "fatigue:fatigue_life.station"),
     "contact_time": Measure(
         "s", "contact time", "longest time in contact with an obstacle", "loads:contact.time"),
     "max_contact_force": Measure(

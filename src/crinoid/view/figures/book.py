@@ -24,6 +24,7 @@ from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectru
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.estimate import log_chart
 from crinoid.view.figures.charts.of_run import charts_of
+from crinoid.view.figures.charts.section_loads import section_load_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist, draw_response
 from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.document import DOCUMENT, Part, write_document
@@ -58,7 +59,7 @@ _FIGURES: dict[str, Callable[[Result], Figure]] = {
 """Figures of a run that are no charts, by name."""
 
 _SPACE = {"shape": draw_sheet}  # figures that differ for an arm in space
-_AT_REST = ("shape", "bending")
+_AT_REST = ("shape", "bending", "section_loads")
 
 
 class _Finding(NamedTuple):
@@ -215,8 +216,10 @@ def _run(path: Path) -> Part:
     run = open_drawable(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.dataset) else {})
     figures |= {"cycles": draw_cycles} if has_cycles(run) else {}
+    if (along := section_load_chart(run)) is not None:
+        figures |= {"section_loads": partial(_of_run, along)}
     if run.dataset.sizes["time"] == 1:  # nothing changes
-        figures = {name: figures[name] for name in _AT_REST}
+        figures = {name: figures[name] for name in _AT_REST if name in figures}
     else:
         charts = [(name, chart) for name, chart in charts_of(run) if name]
         figures |= {name: partial(_of_run, chart) for name, chart in charts}

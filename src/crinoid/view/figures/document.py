@@ -44,6 +44,7 @@ CAPTIONS = {
     "commands": "Channels of the base and actuators with their commands, and the load on the base.",
     "estimate": "Tip and current, true and estimated, with two standard deviations.",
     "loads": "Spectral densities of the force and the moment on the base.",
+    "section_loads": "Bending moment and shear force along the arm: least and greatest values.",
     "vehicle": "Motion of the submarine, and forces and moments of its thrusters.",
     "energy": "Stored energies, works, and the defect of their balance.",
     "vortices": "Frequency of the shedding of vortices along the arm, and their force at the tip.",
@@ -164,7 +165,7 @@ class _Pages:
     def _numbers(self, run: Result) -> None:
         try:
             still = run.dataset.sizes["time"] == 1
-            table = equilibrium_summary(run) if still else summary(run)
+            table = equilibrium_summary(run) if still else summary(run, full=True)
         except (LookupError, ValueError, ScenarioError):
             self._text("Numbers", ["The result lacks variables of the summary."])
             return

@@ -29,6 +29,8 @@ def draw_chart(chart: Chart, data: xr.Dataset, title: str) -> Figure:
         draw_panel(axes, panel)
     if panels[-1].over:
         drawn[-1].set_xlabel("frequency (Hz)")
+    elif panels[-1].along:
+        drawn[-1].set_xlabel("distance from the root (m)")
     else:
         style.share_time(drawn, data["time"].values)
     figure.align_ylabels([axes for axes in drawn if axes.get_ylabel()])
@@ -61,6 +63,8 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlim(panel.over)
+    if panel.along:
+        axes.set_xlim(0.0, panel.along)
     for level in panel.levels:
         limit = level.role != "faint" and level.line == "solid"
         drawn = axes.axhline(level.value * panel.factor, color=colour(level.role))

@@ -40,6 +40,7 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
             if column:
                 axes.axhline(float(limit[column, 0]), color=VERMILLION, linewidth=1.0)
         axes.set_xlabel(style.wrap(key_label(key_of), len(keys)))
+        axes.xaxis.set_major_formatter("{x:.3g}")
         near, far = np.sort(np.abs(data["range"].values[row]))
         if near > 0 and far > 10 * near:  # of one sign
             negative = data["best"].values[row] < 0
@@ -89,7 +90,7 @@ def draw_identification(data: xr.Dataset) -> Figure:
     found = [_found(data.sel(parameter=each)) for each in data["parameter"].values]
     figure = style.new_figure(0.9 + 2.7 * len(names) + 0.17 * len(found))
     head_of(figure, data)
-    figure.supxlabel("\n".join(found), x=0.0, ha="left", fontsize=style.small())
+    figure.supxlabel("\n".join(found), x=0.02, ha="left", fontsize=style.small())
     one = len({name.rpartition(".")[0] for name in names}) == 1
     heights = [2.0, 1.0] * len(names)
     panels = figure.subplots(2 * len(names), 1, sharex=one, height_ratios=heights)
@@ -149,7 +150,7 @@ def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> s
         upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
     upper.set_ylabel(f"{name}{unit}")
     lower.axhline(0.0, color=GREY, linewidth=0.8)
-    lower.set_ylabel("residual")
+    lower.set_ylabel(f"residual\n{unit.strip()}".strip())
     return words
 
 

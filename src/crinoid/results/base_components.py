@@ -1,0 +1,78 @@
+"""Loads on the base by component: least and greatest values and their times, from the start."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.results.result import Result
+from crinoid.results.scene.data import base_word
+from crinoid.results.table import RunSummary
+from crinoid.results.units import Unit, largest, si_unit
+
+TITLE = "Loads on the base by component"
+_UNITS = {"force": "N", "moment": "N m"}
+
+
+class ComponentRange(NamedTuple):
+    """Least and greatest value of a component (N, N m) over the saved instants, and their times."""
+
+    min: float
+    min_time: float
+    """s."""
+    max: float
+    max_time: float
+    """s."""
+
+
+class ComponentRanges(dict[str, ComponentRange]):
+    """The components of force and moment by name, such as ``force_x``."""
+
+    def __getattr__(self, name: str) -> float | None:
+        """Return a number such as ``force_x_min_time``; None of a component that does not exist."""
+        load, axis, field = name.split("_", 2)
+        found = self.get(f"{load}_{axis}")
+        return None if found is None else float(getattr(found, field))
+
+
+def base_components(result: Result) -> ComponentRanges:
+    """Return the range of each component of the load on the base, right-handed about each axis.
+
+    A planar arm has ``force_x``, ``force_z`` and ``moment_y``, which is positive from z toward x.
+    """
+    data, found = result.dataset, ComponentRanges()
+    for load in _UNITS:
+        values = data[f"base_{load}"].values
+        if values.ndim == 1:
+            found[f"{load}_y"] = _range(data["time"].values, 0.0 - values)
+            continue
+        for axis, component in zip(data["axis"].values, values.T, strict=True):
+            found[f"{load}_{axis}"] = _range(data["time"].values, component)
+    return found
+
+
+def base_component_table(result: Result) -> RunSummary:
+    """Return the table `TITLE` of a run, in readable units."""
+    found, base = base_components(result), base_word(result.scenario)
+    rows = []
+    for load, symbol in _UNITS.items():
+        ranges = {name: each for name, each in found.items() if name.startswith(load)}
+        unit = si_unit(
+            largest(np.array([(each.min, each.max) for each in ranges.values()])), symbol
+        )
+        way = "along" if load == "force" else "about"
+        rows += [
+            [f"{load} on {base} {way} {name[-1]}", *_cells(each, unit)]
+            for name, each in ranges.items()
+        ]
+    return RunSummary(["", "least", "when", "greatest", "when"], rows)
+
+
+def _range(time: Float[np.ndarray, " time"], values: Float[np.ndarray, " time"]) -> ComponentRange:
+    least, greatest = int(np.argmin(values)), int(np.argmax(values))
+    return ComponentRange(values[least], time[least], values[greatest], time[greatest])
+
+
+def _cells(each: ComponentRange, unit: Unit) -> list[str]:
+    least, greatest = unit.text(each.min), unit.text(each.max)
+    return [least, f"{each.min_time:.4g} s", greatest, f"{each.max_time:.4g} s"]
