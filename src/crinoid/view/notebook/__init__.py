@@ -39,9 +39,7 @@ from crinoid.view.refusals import width_of
 __all__ = ["Plots", "html_of"]
 
 
-class _Figure(Figure):
-    """Figure that is saved with whole fonts, as publishers ask for."""
-
+class _Figure(Figure):  # is saved with whole fonts, as publishers ask for
     def savefig(self, *args: Any, **options: Any) -> None:
         with mpl.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):
             super().savefig(*args, **options)
@@ -49,13 +47,13 @@ class _Figure(Figure):
 
 @contextmanager
 def _axes(
-    heights: list[float], given: Sequence[Axes] | None, width: float | None
+    heights: list[float], given: Sequence[Axes] | None, wide: float | None
 ) -> Iterator[list[Axes]]:
     """Yield the given axes, or new ones of some heights (inches), in the style of reports."""
     if given is not None and len(given) != len(heights):
         raise ValueError(f"ax: got {len(given)} axes; must be {len(heights)}, one for each panel")
     plt.draw_if_interactive()  # loads the backend, whose setting "interactive" has to stay
-    with style.printed(width):
+    with style.printed(wide):
         if given is not None:
             yield list(given)
             return
@@ -94,8 +92,7 @@ class Plots:
         Parameters
         ----------
         width
-            Width of new figures, of 60 to 500 mm: ``"85mm"``, ``"17.8cm"`` or ``"3.4in"``. Letters
-            have 7 to 8 pt, in given axes too.
+            Width of new figures, of 60 to 500 mm: ``"85mm"``, ``"17.8cm"`` or ``"3.4in"``.
 
         Raises
         ------
