@@ -150,8 +150,12 @@ COMMANDS = (
     Command("report", "crinoid.cli.result_commands:report",
         "Draw the figures of a result, and write its page.",
         _RESULT,
-        Option("--format FORMAT", "png", "Format of the figures: png, pdf or svg.",
+        Option("--format FORMAT", "png",
+            "Format of the figures: png, svg or pdf, which without --width is one document.",
             name="file_format"),
+        Option("--width WIDTH", str,
+            "Width of figures for a paper, without titles: 85mm, 8.5cm or 3.4in.",
+            "for the screen"),
         out("next to the result"), interrupted="interrupted"),
     Command("export", "crinoid.cli.result_commands:export",
         "Write a result for ParaView (vtkhdf), spreadsheets (csv, xlsx), Blender (gltf), ROS 2 "

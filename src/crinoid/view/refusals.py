@@ -1,5 +1,6 @@
 """Refusals of commands on results, before anything slow is loaded."""
 
+import re
 from pathlib import Path
 
 from crinoid.results.report_error import ReportError
@@ -9,6 +10,20 @@ FIGURES = ("png", "pdf", "svg")
 """Formats of figures."""
 _KEPT = (".nc", ".csv", ".eqx")
 """Endings of results, tables of studies, and policies."""
+
+
+_INCHES = {"mm": 1 / 25.4, "cm": 1 / 2.54, "in": 1.0}
+_LEAST, _MOST = 60.0, 500.0  # mm
+
+
+def width_of(text: str, name: str = "--width") -> float:
+    """Read a width of figures, such as 85mm, and return it in inches."""
+    found = re.fullmatch(r"(\d{1,4}(?:\.\d{1,4})?) ?(mm|cm|in)", str(text).strip(), re.ASCII)
+    inches = float(found[1]) * _INCHES[found[2]] if found else 0.0
+    if not _LEAST <= round(25.4 * inches, 3) <= _MOST:
+        must = f"be {_LEAST:g}mm to {_MOST:g}mm, such as 85mm, 8.5cm or 3.4in"
+        raise ReportError(f"{name}: {got(text, must)}")
+    return inches
 
 
 def require_path(path: Path) -> None:
