@@ -240,6 +240,8 @@ def test_loads_on_the_base_have_least_and_greatest_components_with_their_times()
     assert measure("base_moment_y_min", planar) == -2.0
     assert measure("base_moment_y_min_time", planar) == TIME[100]
     assert measure("base_force_y_max", planar) is None
+    planar.dataset = planar.dataset.assign(steps=TIME, newton_iterations=TIME)
+    planar.dataset.attrs["wall_time"] = 1.0
     rows = {name: cells for name, *cells in summary(planar, full=True).rows if "along" in name}
     assert [*rows] == [
         f"force on base along {axis}, {end}" for axis in "xz" for end in ("least", "greatest")
