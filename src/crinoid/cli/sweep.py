@@ -30,6 +30,7 @@ from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
 from crinoid.cli.weights import shares_of_time
 from crinoid.diagnostics.plausibility import plausibility_warnings
+from crinoid.foundation.cores import cores
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import CASES, measures_of
@@ -37,7 +38,6 @@ from crinoid.results.units import length_unit
 from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
-from crinoid.simulation.batch import cores
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore, has_zarr

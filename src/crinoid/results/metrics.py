@@ -123,9 +123,15 @@ MEASURES = {
         "m", "steady tip error without control",
         "mean distance of the tip without control from where it should be, over the last tenth",
         "errors:deflection"),
+    "rise_time": Measure(
+        "s", "rise time", "time of the step response from 10 % to 90 % of its final value",
+        "step_response:step_response.rise_time"),
+    "overshoot": Measure(
+        "1", "overshoot", "share of its final value by which the step response exceeds it",
+        "step_response:step_response.overshoot"),
     "settling_time": Measure(
-        "s", "settling time", "when the tip error last came into 5 % of the largest one",
-        "errors:settling_time"),
+        "s", "settling time", "time from the step until the response stays within 2 %",
+        "step_response:step_response.settling_time"),
     "rms_angle_error": Measure(
         "rad", "RMS angle error", f"RMS {_ANGLE}",
         "errors:angle_error.rms", "smooth:rms_angle_error"),
@@ -199,7 +205,8 @@ MEASURES = {
     "contact_time": Measure(
         "s", "contact time", "longest time in contact with an obstacle", "loads:contact.time"),
     "max_contact_force": Measure(
-        "N", "largest contact force", "largest force of an obstacle", "loads:contact.force"),
+        "N", "largest contact force", "largest force of an obstacle at the saved instants",
+        "loads:contact.force"),
     "min_gap": Measure(
         "m", "smallest gap", "smallest distance of an obstacle from the arm's surface",
         "loads:contact.gap"),
@@ -234,8 +241,8 @@ MEASURES = {
 # fmt: on
 """The registry of measures, by their names in tables and files.
 
-Errors and effort count from `crinoid.Scenario.judged_from` on, loads, strains and the vehicle from
-the start.
+Errors and effort count from `crinoid.Scenario.judged_from` on, the step response from the step,
+loads, strains and the vehicle from the start.
 """
 EFFORT = "RMS speed of the inputs, of means between saved instants"
 """Meaning of the speeds of `measured`."""
