@@ -125,7 +125,7 @@ def test_only_the_page_itself_moves_the_target(page, session, host, origin, welc
     frame = Frame(Opcode.TEXT, DRAG.encode()).serialize(mask=True)
     assert asked(page, *lines, UPGRADE, frame=frame) == (101 if welcome else 403)
     if welcome:
-        wait_for(session._shift.any)
+        wait_for(lambda: session._shift.any())
         session.drag(None)
     assert not session._shift.any()
 

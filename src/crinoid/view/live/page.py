@@ -155,8 +155,8 @@ class Page:
         now = self._now = status.frame
         if now.time == 0:
             self._start = now
-        head = [now.time], self._charts.numbers(now), now.pull
-        numbers = np.concatenate([*head, *self._scene.numbers(now)])
+        given = [now.time], self._charts.numbers(now), now.pull, self._scene.numbers(now)
+        numbers = np.concatenate(given)
         new = self._panel.text(status), numbers.astype("<f4").tobytes()
         self._loop.call_soon_threadsafe(self._publish, *new)
 
@@ -172,13 +172,14 @@ class Page:
         plots = plots_of(self._charts.charts, 0.0, SPAN)
         time = self._now.time
         said = {"id": self._id, "span": [time, time + SPAN], "times": [time], "scene": table}
+        kind = "arm in space" if scenario.arm.dimension == 3 else "planar arm"
+        said["kind"] = f"live · {kind} · {scenario.arm.nodes} nodes"
         said |= {"charts": plots.charts, "ghost": "Start", "reach": REACH}
         said["controls"] = [each._asdict() for each in self._panel.controls.values()]
         title = scenario.title or "crinoid live"
-        kind = "arm in space" if scenario.arm.dimension == 3 else "planar arm"
         body = Template(parts.read_part("live.html")).substitute(
             title=escape(title),
-            subtitle=f"live · {kind} · {scenario.arm.nodes} nodes",
+            kind=escape(said["kind"]),
             stage=parts.stage_of(still_of(scene), '<div class="bar" id="bar"></div>', _KEYS),
             table=parts.json_of(said),
             document=parts.json_of(plots.document),

@@ -70,8 +70,8 @@ class LiveScene:
         length = self._scenario.arm.length
         return Scene(self._spatial, length, len(now.nodes), (arm, ghost))
 
-    def numbers(self, frame: Snapshot) -> list[Float[np.ndarray, " _"]]:
-        """Return the numbers of an instant in the order of `feed` in `live.js`."""
+    def numbers(self, frame: Snapshot) -> Float[np.ndarray, " number"]:
+        """Return the numbers of an instant in the order of `bend` in `live.js`."""
         arm = self._keyframes("", frame)
         flat = slice(None) if self._spatial else slice(None, None, 2)
         mount, root = arm.mount, arm.position[0, 0]
@@ -81,7 +81,7 @@ class LiveScene:
         for body in arm.obstacles:
             found += [body.path[0], body.half_axis[0]]
         found += [] if arm.water is None else [arm.water.velocity[0]]
-        return [np.ravel(each) for each in found]
+        return np.concatenate([np.ravel(each) for each in found])
 
     def _keyframes(self, label: str, frame: Snapshot) -> Keyframes:
         poses = {"base_servo": frame.servo, "base_pose": frame.pose, "vehicle_pose": frame.vehicle}

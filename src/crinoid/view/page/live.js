@@ -23,6 +23,7 @@ class Live extends Page {
   connect() {
     const socket = this.socket = new WebSocket(location.href.replace(/^http/, "ws"));
     socket.binaryType = "arraybuffer";
+    socket.onopen = () => { this.lost = ""; };
     socket.onmessage = ({ data }) => {
       if (typeof data === "string") { this.told(JSON.parse(data)); return; }
       requestAnimationFrame(() => {
@@ -31,8 +32,8 @@ class Live extends Page {
       });
     };
     socket.onclose = ({ code }) => {
-      const what = code === 1001 ? "The session has ended." : "The connection to the session is lost.";
-      this.message(`${what} This page connects again as soon as crinoid live runs at this address.`, true);
+      this.lost ||= code === 1001 ? "The session has ended." : "The connection to the session is lost.";
+      this.message(`${this.lost} This page connects again as soon as crinoid live runs at this address.`, true);
       setTimeout(() => this.connect(), 1000);
     };
   }
@@ -43,8 +44,8 @@ class Live extends Page {
 
   message(text, wrong) {
     const line = this.byId("message");
-    line.textContent = text || "\u00a0"; // the page does not jump
-    line.className = wrong ? "status" : text ? "status plain" : "status none";
+    line.textContent = text || this.said.kind;
+    line.className = wrong ? "status" : text ? "status plain" : "sub";
   }
 
   // What the server says: its identity, a refusal, or the state of controls, numbers and message.
