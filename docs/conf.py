@@ -29,10 +29,14 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
+    "sphinx_copybutton",
     "sphinx_design",
 ]
 exclude_patterns = ["_build"]
 html_theme = "furo"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_js_files = ["gallery.js"]
 html_title = f"crinoid {version}"
 html_show_sphinx = False
 highlight_language = "none"
@@ -158,11 +162,19 @@ def short(app: Any, doctree: nodes.document) -> None:
             text.parent.replace(text, nodes.Text(text.replace("jaxlib._jax.", "")))
 
 
+def lined(app: Any, doctree: nodes.document) -> None:
+    """Mark blocks of tables with lines, which do not wrap."""
+    for block in doctree.findall(nodes.literal_block):
+        if "\N{BOX DRAWINGS HEAVY HORIZONTAL}" in block.astext():
+            block["classes"].append("lined")
+
+
 def setup(app: Any) -> None:
     """Connect the functions above."""
     app.add_lexer("csv", TextLexer)
     app.connect("autodoc-process-docstring", plain, priority=400)  # before napoleon
     app.connect("autodoc-process-signature", keys)
     app.connect("doctree-read", short)
+    app.connect("doctree-read", lined)
     app.connect("source-read", read)
     app.connect("include-read", included)

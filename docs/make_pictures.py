@@ -28,6 +28,25 @@ IMAGES = DOCS / "images"
 BEGIN, END = "<!-- pictures: begin -->", "<!-- pictures: end -->"
 
 
+CARD = """:::::{{grid-item-card}}
+:class-card: picture
+
+```{{image}} images/{0.name}
+:alt: {0.shows}
+```
+
+{0.shows}
+
+::::{{dropdown}} Commands
+```
+{1}
+```
+::::
+:::::
+
+"""
+
+
 class Picture(NamedTuple):
     """A picture: its file, the sentence under it, the commands, and the file that they write."""
 
@@ -190,15 +209,9 @@ PICTURES = (
 
 
 def gallery() -> str:
-    """Return a picture after the other, each over the commands that make it."""
-    parts = []
-    for each in PICTURES:
-        if each.shown:
-            source = "\n".join(each.commands)
-            parts.append(
-                f"![{each.shows}](images/{each.name})\n\n{each.shows}\n\n```\n{source}\n```"
-            )
-    return "\n\n".join(parts)
+    """Return a card for each picture, with the commands that make it."""
+    cards = (CARD.format(each, "\n".join(each.commands)) for each in PICTURES if each.shown)
+    return f"::::::{{grid}} 1 1 2 2\n:gutter: 3\n\n{''.join(cards)}::::::"
 
 
 def updated(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Write the tables of `docs/reference/scenario.md` from the schema of a scenario.
+"""Write `docs/reference/scenario.md` and the pages below it from the schema of a scenario.
 
     python docs/make_scenario_reference.py
 
@@ -18,25 +18,45 @@ from crinoid.scenario.quantity import unit_of
 
 PAGE = Path(__file__).with_name("reference") / "scenario.md"
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+PARTS = {
+    "arm": ("Arm", "arm"),
+    "base": ("Base and vehicle", "base vehicle"),
+    "water": ("Water and flows", "water flow"),
+    "surroundings": ("Loads, obstacles and contact", "load obstacle contact tool"),
+    "actuators": ("Actuators", "chamber tendon actuator"),
+    "control": ("Target, sensors and control", "target sensor sensors control"),
+    "run": ("Simulation and output", "simulation output vary"),
+}
+"""Title of each page, and its tables."""
 
 _WHERE = {None: "", 2: " In the plane only.", 3: " In space only."}
 
 Schema = dict[str, Any]
 
 
-def reference() -> str:
-    """Return all tables of a scenario, in the order of the schema."""
+def pages() -> dict[Path, str]:
+    """Return the texts of all pages."""
     schema = Scenario.model_json_schema()
-    definitions = schema["$defs"]
-    top = f"### Outside any table\n\n{_table(schema['properties'])}"
-    return "\n\n".join([top, *_sections("", schema, definitions)])
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    listed = "\n".join(f"scenario/{name}" for name in PARTS)
+    made = f"{_table(schema['properties'])}\n\n```{{toctree}}\n:maxdepth: 2\n\n{listed}\n```"
+    texts = {PAGE: f"{before}{BEGIN}\n\n{made}\n\n{END}{rest.partition(END)[2]}"}
+    entries = dict(schema["properties"])
+    for name, (title, tables) in PARTS.items():
+        part = {"properties": {table: entries.pop(table) for table in tables.split()}}
+        sections = "\n\n".join([f"# {title}", *_sections("", part, schema["$defs"])])
+        # links of descriptions are seen from the page above
+        deeper = sections.replace("](", "](../").replace("](../#", "](#")
+        texts[PAGE.with_suffix("") / f"{name}.md"] = f"{deeper}\n"
+    left = [name for name, entry in entries.items() if _is_table(entry)]
+    assert not left, f"PARTS lacks {left}"
+    return texts
 
 
-def updated(text: str) -> str:
-    """Return a page with its tables renewed."""
-    before, rest = text.split(BEGIN)
-    _, after = rest.split(END)
-    return f"{before}{BEGIN}\n\n{reference()}\n\n{END}{after}"
+def _is_table(entry: Schema) -> bool:
+    """Return whether an entry is a table or a list of tables."""
+    listed = entry.get("items", {}).get("$ref")
+    return listed is not None or _kinds(entry) is not None or _reference(entry) is not None
 
 
 def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]:
@@ -58,7 +78,7 @@ def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]
                 yield _section(title, inner)
                 yield from _sections(f"{prefix}{name}.", inner, definitions)
         elif name == "vary":
-            yield f"### `[vary]`\n\n{entry['description']}"
+            yield f"## `[vary]`\n\n{entry['description']}"
         elif (found := _reference(entry)) in alike:
             tables = alike.pop(found)
             inner = _definition(found, definitions)
@@ -77,13 +97,13 @@ def _title(tables: list[tuple[str, Schema]]) -> str:
 
 def _section(title: str, schema: Schema) -> str:
     words = " ".join(schema["description"].split()).replace("``", "`")
-    return f"### {title}\n\n{words}\n\n{_table(schema['properties'])}"
+    return f"## {title}\n\n{words}\n\n{_table(schema['properties'])}"
 
 
 def _table(properties: Schema) -> str:
     rows = ["| Key | Value | Unit | Default | Meaning |", "|---|---|---|---|---|"]
     for name, entry in properties.items():
-        if _reference(entry) is not None or _kinds(entry) is not None or name == "vary":
+        if _is_table(entry) or name == "vary":
             continue
         unit = unit_of(entry)
         plane, space = (
@@ -129,4 +149,6 @@ def _definition(found: str, definitions: Schema) -> Schema:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(updated(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for path, text in pages().items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")

@@ -6,6 +6,7 @@ from rich.console import Console
 
 import crinoid
 from crinoid.cli.display import cases_table, run_table
+from crinoid.results import table
 from crinoid.results.effort import input_use
 from crinoid.results.errors import angle_error, deflection, settling_time, short_way, tip_error
 from crinoid.results.loads import base_force, base_moment
@@ -46,10 +47,10 @@ def made(error, angle=0.0, scenario=None, slide=0.0, force=1.0):
     return Result(run.assign_attrs(attrs))
 
 
-def said(table, width=80):
+def said(shown, width=80):
     console = Console(width=width)
     with console.capture() as capture:
-        console.print(table)
+        console.print(shown)
     return capture.get()
 
 
@@ -122,19 +123,29 @@ def test_a_run_s_table_has_units_that_read_well_and_fits_80_columns():
     rows = cells(text)
     assert rows["tip error, maximum"][1:] == ["28.6 m", "0.0%"]
     assert rows["angle error, RMS"] == ["0.573 deg", "5.73 deg", "10.0%"]
-    assert rows["slide, range"][0] == "-20 to 20 mm"
-    assert rows["tilt, range"][0] == "-11.5 to 11.5 deg"
+    assert rows["slide, limits ±1 m"][0] == "-20 to 20 mm"
+    assert rows["tilt, limits ±57.3 deg"][0] == "-11.5 to 11.5 deg"
     assert rows["largest force on base"] == ["5 mN", "10 mN", "50.0%"]
-    # against how far the tip swings about its own mean if left alone
-    assert rows["tip error over fluctuation"][1:] == ["1.83 m", "0.0%"]
+    assert len(table.summary(run).rows) <= 12
+    more = {row[0] for row in table.summary(run, full=True).rows}
+    assert set(rows) - {"", "tip error, RMS"} < more
+    assert {"tip error, P95", "slide, RMS", "force on base, RMS"} <= more - set(rows)
     run.uncontrolled = None
     assert "uncontrolled" not in said(run_table(run))
     assert cells(said(run_table(run)))["tip error, RMS"] == ["3 µm"]
 
 
+def test_of_many_inputs_the_short_table_has_the_one_nearest_to_a_limit(monkeypatch):
+    run = made(0.0, scenario=crinoid.Scenario().with_values(DRIVEN), slide=0.03 * np.sin(TIME))
+    monkeypatch.setattr(table, "_FEW_INPUTS", 1)
+    rows = {name: cell for name, cell in table.summary(run).rows if "limit" in name}
+    assert rows == {"nearest limit (2 inputs)": "tilt, 30% of its limit"}
+
+
 def test_a_run_s_table_has_no_round_off():
     scenario = crinoid.Scenario().with_values(DRIVEN)
-    rows = cells(said(run_table(made(3e-17, scenario=scenario, slide=1e-14, force=2e-15))))
+    run = made(3e-17, scenario=scenario, slide=1e-14, force=2e-15)
+    rows = cells(said(run_table(run, full=True)))
     assert {rows[f"tip error, {name}"][0] for name in ("RMS", "maximum")} <= {"0 mm", "0 µm"}
     assert rows["slide, RMS"] == ["0 mm"]
     assert rows["largest force on base"][0].startswith("0 ")

@@ -47,6 +47,7 @@ COMMANDS = (
             complete=complete_name),
         _SET,
         Option("--case DIR N", tuple[Path, int], "Play run N of the sweep in DIR again."),
+        Option("--all", False, "Print all numbers, not the main ones only.", name="full"),
         out("results/SCENARIO"), resume("run"), _FORCE),
     Command("equilibrium", "crinoid.cli.scenario_commands:equilibrium",
         "Find the shape of the arm at rest under the loads of t = 0, and save it.",

@@ -218,9 +218,9 @@ _VARIED_WIDTH = 23
 """Characters of a study's table for the varied keys, so that its measures fit 80 columns."""
 
 
-def run_table(result: Result) -> Table:
+def run_table(result: Result, *, full: bool = False) -> Table:
     """Return the summary of a run, and of the one without control if there is one."""
-    found = summary(result)
+    found = summary(result, full=full)
     return new_table(result.dataset.attrs["title"], found.heads, found.rows)
 
 

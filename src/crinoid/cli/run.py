@@ -26,7 +26,7 @@ from crinoid.scenario.scenario import AT_REST
 from crinoid.simulation import Progress, SimulationError, Tell, play, settle
 
 
-def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool) -> str:
+def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool, full: bool) -> str:
     """Run a scenario of one case, save and sum it up; return what went wrong, if anything."""
     prepared = Prepared(scenario)
     prepared.check()
@@ -39,7 +39,7 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool)
             text = f"the run in {folder} {earlier.failure.split(';')[0]}. It would fail there again"
             raise refusal("--resume", f"{text}; start a new run (omit --resume).")
         if earlier is not None and is_complete(earlier, scenario):
-            _say_run(earlier, doubted)
+            _say_run(earlier, doubted, full=full)
             console.print(f"The run in {folder} is complete; nothing to resume.", soft_wrap=True)
             paths, lacking = complete(earlier, folder)
             say_notes(lacking)
@@ -64,7 +64,7 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool)
                 return unsaved
             if not unsaved:
                 clear(folder, {"": scenario}, resume=resume, force=force)
-            _say_run(result, known)
+            _say_run(result, known, full=full)
             pages, lacking = page_in(paths[0].parent) if paths else ([], [])
             say_notes(lacking)
             say_where(paths + pages)
@@ -96,12 +96,12 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool) -> str:
     return unsaved or trouble(result, folder, paths)
 
 
-def _say_run(result: Result, known: Collection[str]) -> None:
+def _say_run(result: Result, known: Collection[str], *, full: bool) -> None:
     notes = [note for note in result.notes if note not in known]
     other = [] if result.uncontrolled is None else result.uncontrolled.notes
     said = {words_of(note) for note in result.notes}
     notes += [f"without control: {note}" for note in other if words_of(note) not in said]
-    show(run_table(result), notes, [])
+    show(run_table(result, full=full), notes, [])
 
 
 def find_earlier(prepared: Prepared, folder: Path) -> Result | None:

@@ -24,6 +24,7 @@ def run(
     *,
     resume: bool,
     force: bool,
+    full: bool,
 ) -> str:
     """Run a scenario, a study, or a run of a sweep again."""
     if case is None:
@@ -44,12 +45,15 @@ def run(
             stop(f"--case: {got(number, f'be a run from 1 to {plan.runs}')}")
         described = plan.case(number)
         folder = folder_for(out or place / plan.name(number), str(place))
+    if full and described.vary:
+        stop("--all: excludes a study, whose cases.csv has all numbers. Omit it.")
     with Loading():
         from crinoid.cli.run import run_scenario
         from crinoid.cli.study import run_study
 
-    run_it = run_study if described.vary else run_scenario
-    return run_it(described, folder, resume=resume, force=force)
+    if described.vary:
+        return run_study(described, folder, resume=resume, force=force)
+    return run_scenario(described, folder, resume=resume, force=force, full=full)
 
 
 def equilibrium(scenario: Scenario, vary: list[str] | None, folder: Path, *, force: bool) -> str:

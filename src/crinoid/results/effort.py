@@ -26,6 +26,16 @@ class InputUse(NamedTuple):
     rms: float
     low: float
     high: float
+    lower: float
+    """Lower limit."""
+    upper: float
+    """Upper limit."""
+
+    @property
+    def share(self) -> float:
+        """Largest part of the way from 0 to a limit."""
+        ways = ((self.low, self.lower), (self.high, self.upper))
+        return max(0.0, *(value / limit for value, limit in ways if limit))
 
 
 class VehicleUse(NamedTuple):
@@ -71,9 +81,18 @@ def input_use(result: Result) -> dict[str, InputUse]:
         return {}
     found = {name: driven(result.dataset, name)[counted] for name in result.scenario.driven}
     return {
-        name: InputUse(rms(values), float(values.min()), float(values.max()))
+        name: InputUse(
+            rms(values), float(values.min()), float(values.max()), *limits_of(result.dataset, name)
+        )
         for name, values in found.items()
     }
+
+
+def limits_of(data: xr.Dataset, name: str) -> tuple[float, float]:
+    """Return the lower and the upper limit of an input."""
+    of = "channel" if name in data["channel"] else "input"
+    lower, upper = (float(data[f"{of}_{end}"].sel({of: name})) for end in ("lower", "upper"))
+    return lower, upper
 
 
 def input_units(data: xr.Dataset) -> dict[str, str]:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crinoid.foundation.axes import ANGLES, CHANNELS
-from crinoid.results.effort import InputUse, input_use, solver_use
+from crinoid.results.effort import input_use, solver_use
 from crinoid.results.errors import TipError, error_word
 from crinoid.results.loads import ContactExtremes
 from crinoid.results.measure_labels import unit_of
@@ -33,8 +33,9 @@ _ROUND_OFF = 1e-3
 """Part of that below which a number is round-off, and is written as 0."""
 _STILL = 1e-9
 """Motion of an input (m, rad or its unit) that is round-off."""
-_ERRORS = {"RMS": "rms", "maximum": "maximum", "P95": "p95", "last tenth": "steady"}
 _LOADS = {"max": "largest {} on {}", "rms": "{} on {}, RMS", "p95": "{} on {}, P95"}
+_FEW_INPUTS = 3
+"""Most inputs that have a row each in the short table."""
 SHARE = Unit(100.0, "%")
 _SELDOM = 1e-3  # share of the time at a limit that is not worth a row
 
@@ -46,11 +47,15 @@ class RunSummary(NamedTuple):
     rows: list[list[str]]
 
 
-def summary(result: Result) -> RunSummary:
-    """Summarise a run, and the one without control where it exists."""
+def summary(result: Result, *, full: bool = False) -> RunSummary:
+    """Summarise a run, and the one without control where it exists.
+
+    The short table has about ten rows: errors of the tip, inputs against their limits, the largest
+    loads and strain, and the speed. The ``full`` one has what it leaves out too.
+    """
     others = [] if result.uncontrolled is None else [result.uncontrolled]
     runs = [RunStatistics(run) for run in (result, *others)]
-    table = _Table(result, runs, measures_of(result.scenario), [])
+    table = _Table(result, runs, measures_of(result.scenario), full, [])
     with np.errstate(all="ignore"):  # a run that diverged may hold huge numbers
         table.add_errors()
         table.add_inputs()
@@ -59,7 +64,7 @@ def summary(result: Result) -> RunSummary:
         table.add_contacts()
         table.add_far_contacts()
         table.add_own()
-        table.add_solver()
+        table.add_speed()
     value = "controlled" if result.scenario.control.acts else "value"
     heads = ["", value, "uncontrolled", "ratio"]
     return RunSummary(heads[: 2 if len(table.runs) == 1 else 4], table.rows)
@@ -71,6 +76,7 @@ class _Table(NamedTuple):
     result: Result
     runs: list[RunStatistics]
     measures: Mapping[str, Measure]
+    full: bool
     rows: list[list[str]]
 
     def measure(self, name: str) -> list[float | None]:
@@ -106,102 +112,132 @@ class _Table(NamedTuple):
     def add_errors(self) -> None:
         """Add errors of the tip's position and direction, which count from a time on."""
         scenario, begin = self.result.scenario, self.result.scenario.judged_from
-        word = error_word(scenario)
-        if begin > 0:
-            self.rows.append([f"{word} counts from", f"{begin:g} s"])
+        word, since = error_word(scenario), f" from {begin:g} s" if begin > 0 else ""
         errors, nothing = "errors:tip_error", _NOTHING * scenario.arm.length
-        self._add_errors(word, errors, self.unit("max_error"), nothing)
+        self._add_errors(word, since, errors, self.unit("max_error"), nothing)
         if (tolerance := scenario.target.tolerance) is not None:
             within = f"{word} within {length_unit(tolerance).text(tolerance)}"
             self.add_measure("within_tolerance", within)
         turns = {"angle", "direction"} & set(scenario.control.controlled)
         if scenario.control.acts and turns:
-            self._add_errors("angle error", "errors:angle_error", DEGREES, _NOTHING)
+            self._add_errors("angle error", since, "errors:angle_error", DEGREES, _NOTHING)
 
     def found(self, function: str) -> list[Any]:
         """Return a statistic of each run that has it."""
         return [found for run in self.runs if (found := run.of(function)) is not None]
 
-    def _add_errors(self, name: str, function: str, unit: Unit, nothing: float) -> None:
+    def _add_errors(self, name: str, since: str, function: str, unit: Unit, nothing: float) -> None:
         errors: list[TipError] = self.found(function)
-        for words, field in _ERRORS.items():
+
+        def add(words: str, field: str) -> None:
             values = [known(getattr(error, field)) for error in errors]
-            self.add(f"{name}, {words}", values, unit, nothing=nothing)
-        scenario, part = self.result.scenario, name.partition(" ")[0]
-        if scenario.target.moves or (scenario.target.frame == "base" and scenario.base.motion):
-            return  # the tip is to go away from its mean
-        wander = [known(error.fluctuation) for error in errors]
-        self.add(f"{part} fluctuation, RMS", wander, unit, nothing=nothing)
-        if len(errors) == 2:
-            against = [known(errors[0].rms), wander[1]]
-            self.add(f"{name} over fluctuation", against, unit, nothing=nothing)
+            self.add(words, values, unit, nothing=nothing)
+
+        add(f"{name}, RMS{since}", "rms")
+        if self.full or name != "angle error":
+            add(f"{name}, maximum", "maximum")
+        scenario = self.result.scenario
+        if self.full:
+            add(f"{name}, P95", "p95")
+            carried = scenario.target.frame == "base" and scenario.base.motion
+            if not (scenario.target.moves or carried):  # else the tip is to go away from its mean
+                add(f"{name.partition(' ')[0]} fluctuation, RMS", "fluctuation")
 
     def add_inputs(self) -> None:
-        """Add the use of inputs, and the time at their limits."""
-        met = limit_shares(self.result)
-        for name, found in input_use(self.result).items():
-            use = InputUse(*(value if abs(value) > _STILL else 0.0 for value in found))
-            unit = _unit_of(name, self.result, max(-use.low, use.high))
-            self.rows.append([f"{name}, RMS", unit.text(use.rms)])
-            self.rows.append([f"{name}, range", f"{unit.number(use.low)} to {unit.text(use.high)}"])
-            if name in met and max(met[name]) >= _SELDOM:
-                at = met[name]._asdict().items()
-                shares = [f"{kind} {share:.1%}" for kind, share in at if share]
-                self.rows.append([f"{name}, time at limits", ", ".join(shares)])
+        """Add the use of inputs against their limits, and the time that they spend there."""
+        uses, shares = input_use(self.result), limit_shares(self.result)
+        met = {name: each for name, each in shares.items() if max(each) >= _SELDOM}
+        if self.full or len(uses) <= _FEW_INPUTS:
+            for name, use in uses.items():
+                low, high, rms = (
+                    value if abs(value) > _STILL else 0.0 for value in (use.low, use.high, use.rms)
+                )
+                unit = _unit_of(name, self.result, max(-low, high))
+                limits = self._range(name, use.lower, use.upper)
+                row = [f"{name}, limits {limits}", f"{unit.number(low)} to {unit.text(high)}"]
+                self.rows.append(row)
+                if self.full:
+                    self.rows.append([f"{name}, RMS", unit.text(rms)])
+        else:
+            most = max(uses, key=lambda name: uses[name].share)
+            text = f"{most}, {uses[most].share:.0%} of its limit"
+            self.rows.append([f"nearest limit ({len(uses)} inputs)", text])
+            longest = sorted(met, key=lambda name: max(met[name]))[-1:]
+            met = {name: met[name] for name in longest}
+        for name, each in met.items():
+            parts = [f"{kind} {share:.1%}" for kind, share in each._asdict().items() if share]
+            self.rows.append([f"{name}, time at limits", ", ".join(parts)])
+
+    def _range(self, name: str, lower: float, upper: float) -> str:
+        """Write the limits of an input."""
+        unit = _unit_of(name, self.result, max(-lower, upper))
+        if lower == -upper:
+            return f"\N{PLUS-MINUS SIGN}{unit.text(upper)}"
+        return f"{unit.number(lower)} to {unit.text(upper)}"
 
     def add_loads(self) -> None:
         """Add loads on the base, curvature and strain, which count from the start."""
         base, length = base_word(self.result.scenario), self.result.scenario.arm.length
         for load in ("force", "moment"):
             unit = self.unit(f"max_base_{load}")
-            for kind, label in _LOADS.items():
+            for kind, label in _LOADS.items() if self.full else [("max", _LOADS["max"])]:
                 words = label.format(load, base)
                 self.add_measure(f"{kind}_base_{load}", words, unit, nothing=_NOTHING)
         for name, words, unit, nothing in (
-            ("max_curvature", "largest curvature", self.unit("max_curvature"), _NOTHING / length),
             ("max_strain", "largest surface strain", SHARE, _NOTHING),
-        ):
+            ("max_curvature", "largest curvature", self.unit("max_curvature"), _NOTHING / length),
+        )[: 2 if self.full else 1]:
             if (self.measure(name)[0] or 0.0) > nothing:
                 self.add_measure(name, words, unit, nothing=nothing)
-                self.add_measure(f"{name}_station", f"{words}, from root", length_unit(length))
-        if (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
+        if self.full and (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
             self.add_measure("curvature_cycles", "cycles of curvature")
             self.add_measure("equivalent_curvature_range", nothing=0.0)
 
     def add_vehicle(self) -> None:
         """Add the motion of a floating submarine, and the use of its thrusters."""
         self.add_measure("vehicle_excursion", "submarine's excursion", nothing=_NOTHING)
-        self.add_measure("vehicle_turn", "submarine's turn", nothing=_NOTHING)
         vehicle = self.result.scenario.vehicle
-        if vehicle is None or vehicle.hold == "free":
-            return
-        for name, words in (("max_thrust", "largest thrust"), ("rms_thrust", "thrust, RMS")):
-            unit = si_unit(self.measure(name)[0] or 0.0, "N")
-            self.add_measure(name, words, unit, nothing=_NOTHING)
-        self.add_measure("thrust_limit_share", "thrusters, time at limits")
+        held = vehicle is not None and vehicle.hold != "free"
+        if held:
+            self.add_measure("thrust_limit_share", "thrusters, time at limits")
+        if self.full:
+            self.add_measure("vehicle_turn", "submarine's turn", nothing=_NOTHING)
+            for name, words in (("max_thrust", "largest thrust"), ("rms_thrust", "thrust, RMS")):
+                if held:
+                    unit = si_unit(self.measure(name)[0] or 0.0, "N")
+                    self.add_measure(name, words, unit, nothing=_NOTHING)
 
     def add_contacts(self) -> None:
-        """Add contacts with obstacles, and of which one each is."""
+        """Add contacts with obstacles, and of which one each is; in short the force, or the gap."""
         found: list[ContactExtremes] = self.found("loads:contact")
         if not found:
             return
         several = self.result.dataset["contact_time"].shape[-1] > 1
-        words = ("longest time in contact", "largest contact force", "smallest gap")
-        for row, name in enumerate(words):
+        touched = any(each.time > 0 for each in found)
+        rows = {
+            "longest time in contact": self.full,
+            "largest contact force": self.full or touched,
+            "smallest gap": self.full or not touched,
+        }
+        for row, (words, shown) in enumerate(rows.items()):
             cells = []
-            for each in found:
+            for each in found if shown else ():
                 value = (each.time, each.force, each.gap)[row]
                 unit = (Unit(1.0, "s"), Unit(1.0, "N"), length_unit(abs(each.gap)))[row]
                 text = unit.text(value)
                 cells.append(f"obstacle {each.obstacles[row]}: {text}" if several else text)
-            self.rows.append([name, *cells])
+            if cells:
+                self.rows.append([words, *cells])
 
     def add_far_contacts(self) -> None:
-        """Add contact of the arm with itself and with the hull."""
+        """Add contact of the arm with itself and with the hull; in short the force of a touch."""
         for part, words in FAR_CONTACTS.items():
-            self.add_measure(f"{part}_contact_time", f"time in contact with {words}")
-            self.add_measure(f"max_{part}_force", f"largest force on {words}")
-            self.add_measure(f"min_{part}_gap", f"smallest gap from {words}")
+            time = f"{part}_contact_time"
+            if self.full or any(self.measure(time)):
+                self.add_measure(f"max_{part}_force", f"largest force on {words}")
+            if self.full:
+                self.add_measure(time, f"time in contact with {words}")
+                self.add_measure(f"min_{part}_gap", f"smallest gap from {words}")
 
     def add_own(self) -> None:
         """Add the measures that a scenario names of packages."""
@@ -209,13 +245,11 @@ class _Table(NamedTuple):
             if name not in MEASURES:
                 self.add_measure(name)
 
-    def add_solver(self) -> None:
-        """Add time steps, iterations and speed."""
+    def add_speed(self) -> None:
+        """Add the speed of the simulation."""
         each = [solver_use(run.result) for run in self.runs]
-        self.rows.append(["simulated", *(f"{use.simulated:g} s" for use in each)])
-        self.rows.append(["time steps", *(str(use.steps) for use in each)])
-        spent = (f"{use.iterations_a_step:.2f}" for use in each)
-        self.rows.append(["Newton iterations a step", *spent])
+        if self.full:
+            self.rows.append(["simulated", *(f"{use.simulated:g} s" for use in each)])
         fast = (f"{use.simulated / max(1e-9, use.wall_time):.0f} x" for use in each)
         self.rows.append(["faster than real time", *fast])
 

@@ -18,7 +18,7 @@ import numpy as np
 from websockets.asyncio.server import Request, Response, Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
-from crinoid import __version__
+from crinoid.foundation.version import __version__
 from crinoid.results.result import Result
 from crinoid.results.scene.scene import REACH
 from crinoid.view.live.charts import SPAN, LiveCharts
