@@ -17,6 +17,7 @@ PLANE = {
             "displaced_area": 7e-4,
         },
         "relaxation": [{"ratio": 0.3, "time": 0.2}],
+        "fatigue": {"slope": 3.0, "intercept": 1e30, "youngs_modulus": 2e11},
     },
     "base": {
         "position": [0.1, -8.0],

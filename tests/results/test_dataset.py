@@ -58,6 +58,7 @@ def kept(**changes):
         "error": some(),
         "director": some(NODES - 1, 3),
         "curvature": some(NODES, 2),
+        "moment": some(NODES, 3),
         "twist": some(NODES),
     }
     values |= {name: some(NODES, 3) for name in ("acceleration", "flow_velocity")}

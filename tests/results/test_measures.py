@@ -7,13 +7,15 @@ from scipy import stats
 import crinoid
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.effort import CostWeights
-from crinoid.results.errors import settling_time, tip_error
+from crinoid.results.errors import tip_error
 from crinoid.results.extremes import Gumbel
+from crinoid.results.fatigue import YEAR, combined_life
 from crinoid.results.loads import bending_cycles
 from crinoid.results.measure_labels import plain_unit
 from crinoid.results.metrics import MEASURES, smooth_measure
 from crinoid.results.result import Result
 from crinoid.results.smooth import SeenMotion
+from crinoid.results.table import summary
 from helpers.made_results import of_values
 
 LENGTH = 0.5
@@ -118,7 +120,6 @@ def test_errors_before_that_time_do_not_count_and_loads_do():
     assert measure("max_error", run) == measure("p95_error", run) == pytest.approx(0.01)
     assert measure("rms_error", run) == pytest.approx(0.01)
     assert measure("fluctuation", run) == pytest.approx(0.0, abs=1e-12)
-    assert settling_time(run) is None  # it stays within its largest judged error
     assert measure("max_base_force", run) == 10.0
 
 
@@ -190,6 +191,80 @@ def test_equal_cycles_are_their_own_equivalent_and_ripples_do_not_count():
     assert measure("curvature_cycles", run) == pytest.approx(10.0, abs=0.5)
     assert measure("equivalent_curvature_range", run) == pytest.approx(4.0, rel=2e-3)
     assert measure("curvature_cycles", made(curvature=bent_by(2, 4, 1e-9 * SINE))) == 0.0
+
+
+STEEL = {"arm.fatigue": {"slope": 3.0, "intercept": 1e12, "youngs_modulus": 2e5}}
+
+
+@BOTH
+def test_life_is_the_time_over_the_damage_of_equal_cycles(dimension):
+    wave = 1.5 * np.cos(np.pi * TIME)  # of 2 s
+    late = {"target.judged_from": 4.0}
+    run = made(dimension, curvature=bent_by(dimension, 4, wave), **STEEL | late)
+    stress = 2e5 * 0.02 * 3.0  # Pa, of the whole range
+    assert measure("life", run) == pytest.approx(1e12 / stress**3 * 2.0 / YEAR, rel=1e-6)
+    assert measure("life_station", run) == pytest.approx(STATIONS[4])
+    assert measure("life", made(dimension, curvature=bent_by(dimension, 4, wave))) is None
+    assert measure("life", made(dimension, **STEEL)) is None  # without end
+
+
+def test_life_in_space_counts_where_two_bends_add_up_and_stretch_too():
+    both = np.zeros((TIME.size, 6, 2))
+    both[:, 2] = np.cos(np.pi * TIME)[:, None] * [0.6, 0.8]
+    run = made(3, curvature=both, **STEEL)
+    # the next of 16 points is 53.1 - 45 degrees away
+    expected = 1e12 / (2e5 * 0.02 * 2.0 * np.cos(np.arctan2(0.8, 0.6) - np.pi / 4)) ** 3
+    assert measure("life", run) == pytest.approx(expected * 2.0 / YEAR, rel=1e-6)
+    pulled = made(**STEEL)
+    swing = 1.0 + 1e-3 * np.cos(np.pi * TIME)
+    pulled.dataset["position"].values[..., 0] *= swing[:, None]
+    assert measure("life", pulled) == pytest.approx(1e12 / 400.0**3 * 2.0 / YEAR, rel=1e-6)
+
+
+def test_lives_combine_by_miner_s_rule():
+    lives = np.array([10.0, 40.0, np.inf, np.nan])
+    # 0.2 / 10 + 0.4 / 40 in a year
+    assert combined_life(lives, np.array([0.2, 0.4, 0.4, 0.0])) == pytest.approx(1 / 0.03)
+    assert np.isnan(combined_life(lives, np.array([0.2, 0.4, 0.3, 0.1])))
+    assert combined_life(lives, np.array([0.0, 0.0, 1.0, 0.0])) == np.inf
+
+
+def test_loads_on_the_base_have_least_and_greatest_components_with_their_times():
+    run = made(3, force=3 * SINE + 0.1 * TIME)
+    assert measure("base_force_x_max", run) == pytest.approx(3 + 0.1 * 19.25, rel=1e-4)
+    assert measure("base_force_x_max_time", run) == pytest.approx(19.25, abs=0.006)
+    assert measure("base_force_x_min_time", run) == pytest.approx(0.75, abs=0.006)
+    assert measure("base_moment_z_min", run) == 0.0
+    planar = made(force=3 * SINE)
+    planar.dataset["base_moment"].values[100] = 2.0  # from x toward z: about -y
+    assert measure("base_moment_y_min", planar) == -2.0
+    assert measure("base_moment_y_min_time", planar) == TIME[100]
+    assert measure("base_force_y_max", planar) is None
+    planar.dataset = planar.dataset.assign(steps=TIME, newton_iterations=TIME)
+    planar.dataset.attrs["wall_time"] = 1.0
+    rows = {name: cells for name, *cells in summary(planar, full=True).rows if "along" in name}
+    assert [*rows] == [
+        f"force on base along {axis}, {end}" for axis in "xz" for end in ("least", "greatest")
+    ]
+    rows = {name: cells for name, *cells in summary(planar, full=True).rows if "about" in name}
+    assert rows["moment on base about y, least"] == ["-2 N m at 0.5 s"]
+
+
+@BOTH
+def test_the_largest_loads_of_sections_have_their_stations_and_times(dimension):
+    run = made(dimension)
+    shape = (TIME.size, 6) if dimension == 2 else (TIME.size, 6, 2)
+    moment, shear = np.zeros(shape), np.zeros((TIME.size, 5, *shape[2:]))
+    moment[70, 3], shear[90, 1] = -2.0, 3.0
+    size = np.sqrt(dimension - 1.0)  # of two equal components
+    for name, values in {"bending_moment": moment, "shear_force": shear}.items():
+        run.dataset[name] = quantity(name, values, dimension)
+    assert measure("max_bending_moment", run) == pytest.approx(2.0 * size)
+    assert measure("max_bending_moment_station", run) == STATIONS[3]
+    assert measure("max_bending_moment_time", run) == TIME[70]
+    assert measure("max_shear_force", run) == pytest.approx(3.0 * size)
+    assert measure("max_shear_force_station", run) == pytest.approx(0.15)  # middle of an edge
+    assert measure("max_shear_force_time", run) == TIME[90]
 
 
 def test_gumbel_s_parameters_are_recovered_from_many_runs():

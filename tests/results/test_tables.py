@@ -8,7 +8,7 @@ import crinoid
 from crinoid.cli.display import cases_table, run_table
 from crinoid.results import table
 from crinoid.results.effort import input_use
-from crinoid.results.errors import angle_error, deflection, settling_time, short_way, tip_error
+from crinoid.results.errors import angle_error, deflection, short_way, tip_error
 from crinoid.results.loads import base_force, base_moment
 from crinoid.results.metrics import MEASURES
 from crinoid.results.result import Result
@@ -47,6 +47,21 @@ def made(error, angle=0.0, scenario=None, slide=0.0, force=1.0):
     return Result(run.assign_attrs(attrs))
 
 
+def test_a_result_says_its_main_numbers_in_a_few_lines():
+    result = made(0.02, scenario=crinoid.Scenario().with_values(DRIVEN))
+    result.uncontrolled = made(0.04)
+    title, run, *rows = str(result).splitlines()
+    assert title == 'Result of "made up": ok'
+    assert run.endswith("101 saved instants, arm in the plane of 2 nodes")
+    assert [" ".join(row.split()) for row in rows[:2]] == [
+        "tip error, RMS 20 mm, 40 mm without control",
+        "tip error, maximum 20 mm, 40 mm without control",
+    ]
+    assert len(rows) == 6
+    result.dataset = result.dataset.drop_vars("time")  # whatever it holds
+    assert repr(result).startswith('Result of "made up": ok')
+
+
 def said(shown, width=80):
     console = Console(width=width)
     with console.capture() as capture:
@@ -60,14 +75,11 @@ def cells(text):
     return {row[0]: row[1:] for row in rows if row}
 
 
-def test_settling_and_deflection_of_a_known_error():
+def test_steady_error_and_deflection_of_a_known_error():
     run = made(np.where(TIME < 3.95, 0.5, 0.01))
     run.uncontrolled = made(np.where(TIME < 1.0, 0.0, 1.0))
-    assert settling_time(run) == pytest.approx(4.0)
     assert deflection(run) == pytest.approx(1.0)
     assert tip_error(run).steady == pytest.approx(0.01)
-    run.dataset["tip_error"][-1] = 0.06
-    assert settling_time(run) is None
 
 
 def test_without_a_comparison_only_a_run_without_controller_has_a_deflection():
@@ -155,9 +167,21 @@ def test_a_run_s_table_has_no_round_off():
 def test_a_study_s_table_has_what_was_varied_and_found_in_80_columns():
     varied = {"arm.youngs_modulus": 4e6, "flow.0.velocity": [0.3, 0.123]}
     found = {"deflection": 26.03, "rms_error": 0.01234, "rms_error_uncontrolled": 0.05}
-    found |= {"settling_time": 3.456, "steady_error": 1e-5}
+    found |= {"settling_time": 3.456, "rise_time": 1.0, "steady_error": 1e-5}
     rows = [{"case": "case-01", **varied, **found}]
     text = said(cases_table("A study", list(varied), rows, MEASURES))
     assert max(map(len, text.splitlines())) <= 80
     for part in ("modulus", "4e+06", "[0.3, 0.123]", "26", "12.3", "3.46"):
         assert part in text
+
+
+def test_a_study_s_table_says_which_cases_with_a_step_do_not_settle():
+    found = {"steady_error": 1e-5, "rms_error": 0.01, "rms_error_uncontrolled": ""}
+    rows = [
+        {"case": f"case-0{n}", "seed": n, **found, "rise_time": rise, "settling_time": settled}
+        for n, (rise, settled) in enumerate([(1.0, 3.456), (1.0, ""), ("", "")], start=1)
+    ]
+    lines = said(cases_table("A study", ["seed"], rows, MEASURES)).splitlines()
+    cases = [line.split() for line in lines if line.strip().startswith("0")]
+    assert [case[-1] for case in cases] == ["3.46", "not", "10"]
+    assert "settled" not in said(cases_table("A study", ["seed"], rows[2:], MEASURES))

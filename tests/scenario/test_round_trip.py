@@ -46,7 +46,9 @@ control = {kind = "mpc", mpc = {current = "measured"}}
 vary = {"arm.length" = [0.4, 0.5], "obstacle.1.velocity" = ["flow", [0.1, 0]]}
 """
 SPATIAL = """
-arm = {dimension = 3, loss_factor = {value = 0.1, band_hz = [0.1, 10]}}
+arm.dimension = 3
+arm.loss_factor = {value = 0.1, band_hz = [0.1, 10]}
+arm.fatigue = {slope = 3, intercept = 1e30}
 vehicle = {mass = 20, inertia = 1, hold = "free", hull = {length = 0.6, diameter = 0.3}}
 control = {kind = "lqg", lqg = {inputs = ["vehicle"]}}
 contact.self = true

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.results.errors import angle_error, settling_time, tip_error
+from crinoid.results.errors import angle_error, tip_error
 from crinoid.scenario import builtin_names
 from helpers.builtin import STORED, assert_held, assert_traced, besides_lock_in, imbalance
 from helpers.paths import ROOT
@@ -186,7 +186,8 @@ def test_constant_load_is_held_off(number):
     held, free = tip_error(result), tip_error(result.uncontrolled)
     assert free.steady > 0.05
     assert held.steady < 0.02 * free.steady
-    assert (settling_time(result) or np.inf) < 10.0
+    late = result.dataset["tip_error"].sel(time=slice(10.0, None))
+    assert float(late.max()) < 0.05 * free.maximum
 
 
 def test_a_circle_in_a_cross_current_is_traced_through_feed_forward():

@@ -7,7 +7,7 @@ import pytest
 import tomli_w
 import xarray as xr
 
-from crinoid.cli.sweep import shares_of_time
+from crinoid.cli.weights import shares_of_time
 from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
 from crinoid.studies.batch import batch_of
@@ -98,6 +98,7 @@ def test_a_mistake_in_python_is_one_line(call, line):
         ("arm.length=0.5,1.0 water.density=1000,1025", "", "needs one key"),
         ("flow.0.velocity.0=0.1,0.2", "0.1,few\n", "must have numbers in columns"),
         ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.2,0.4\n", "add up to 0.8"),
+        ("flow.0.velocity.0=0.1,0.2", "0.1,1.2\n0.2,-0.2\n", "shares of time of -0.2 or more"),
         ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.5,0.6\n", "60.00% of the time is far from 0.1"),
         ("control.kind=pid,lqg", "0.1,1.0\n", "control.kind has values that are no speeds"),
     ],

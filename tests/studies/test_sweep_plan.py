@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from crinoid.cli.sweep import shares_of_time, sweep_table
+from crinoid.cli.sweep import sweep_table
+from crinoid.cli.weights import shares_of_time
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.variation import Span, read_variation
 from crinoid.studies.design import Design
@@ -159,6 +160,19 @@ def test_weights_are_the_shares_of_the_nearest_speeds(tmp_path):
     np.testing.assert_allclose(shares_of_time(plan, file), [0.25, 0.25, 0.25, 0.25])
     plan = SweepDesign.of(scenario, ["flow.0.velocity.0=0.06:0.36:4"])
     np.testing.assert_allclose(shares_of_time(plan, file), [0.1, 0.4, 0.3, 0.2])
+
+
+def test_weights_of_cases_are_the_shares_of_their_rows(tmp_path):
+    file, keys = tmp_path / "scatter.csv", ("flow.0.amplitude.1", "flow.0.frequency_hz")
+    file.write_text(f"{','.join(keys)},share of time\n0.1,0.2,0.7\n0.2,0.1,0.2\n0.1,0.2,0.1\n")
+    scenario = Scenario(flow=[{"kind": "sine", "amplitude": [0.0, 0.1], "frequency_hz": 0.1}])
+    texts = [f"{keys[0]}=0.1,0.2", f"{keys[1]}=0.1,0.2"]
+    expected = [0.0, 0.0, 0.4, 0.4, 0.1, 0.1, 0.0, 0.0]
+    np.testing.assert_allclose(
+        shares_of_time(SweepDesign.of(scenario, texts, seeds=2), file), expected
+    )
+    with pytest.raises(ScenarioError, match=r"no run has flow.0.amplitude.1.* = 0.1, 0.2, and 80"):
+        shares_of_time(SweepDesign.of(scenario, [texts[0], f"{keys[1]}=0.1,0.3"]), file)
 
 
 def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from crinoid.results.scene.data import in_space
 from crinoid.results.scene.scene import build_scene
 from crinoid.view.figures.painter import instant
 from crinoid.view.figures.style import STYLE
+from crinoid.view.film import workers
 from crinoid.view.film.camera import film_settings
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
@@ -263,20 +265,61 @@ def test_a_file_of_others_is_replaced_only_if_that_is_wanted(planar, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_many_frames_are_drawn_side_by_side_and_equal(planar, tmp_path, monkeypatch):
+    monkeypatch.setattr(workers, "_LEAST", 5)
+    shown = []
+    for number in (1, 2):
+        monkeypatch.setattr(workers, "cores", lambda number=number: number)
+        path = tmp_path / f"{number}.gif"
+        filmed(planar, "--to", path, "--speed", 2, *TINY)
+        shown.append(decoded(path))
+    assert shown[0].shape[0] == 16
+    np.testing.assert_array_equal(*shown)
+
+
+def test_parts_that_are_drawn_once_follow_the_camera():
+    data = small_arm(records=5)
+    far = data["position"] + 5.0 * data["time"] * (data["axis"] == "x")
+    data = data.assign(position=far)
+    one, _ = pictures(data, follow="base")
+    other, _ = pictures(data, follow="base")
+    for time in (0.0, 0.7, 2.0):
+        seen = one.at(time)
+    np.testing.assert_array_equal(seen, other.at(2.0))
+
+
+def test_a_run_without_a_target_has_no_cross():
+    data = small_arm(records=3)
+    scene = build_scene(of_runs(data), 400, 81)
+    drawn = []
+    for aims in (True, False):
+        reel = film_settings(CameraSettings(size=(320, 240)), 0.0, 2.0, ".gif")
+        picture = Picture(replace(scene, aims=aims), CameraSettings(), reel, "title", "")
+        picture.at(1.0)
+        drawn.append(len(picture._panels[0].aim.get_segments()))
+    assert drawn[0] > 4
+    assert drawn[1] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "cores"), [("film.mp4", 1), ("film.gif", 1), ("film.mp4", 2)])
 def test_an_interrupted_film_leaves_nothing_and_an_earlier_one_stays(
-    planar, tmp_path, monkeypatch, name
+    planar, tmp_path, monkeypatch, name, cores
 ):
     path = tmp_path / name
-    drawn, at = [], Picture.at
+    drawn, started, start = [], [], workers._start
+    place, method = (Picture, "at") if cores == 1 else (workers, "_receive")
+    original = getattr(place, method)
 
-    def interrupted(picture: Picture, time: float) -> np.ndarray:
-        drawn.append(time)
+    def interrupted(*arguments) -> np.ndarray:
+        drawn.append(arguments)
         if len(drawn) == 12:
             signal.raise_signal(signal.SIGINT)
-        return at(picture, time)
+        return original(*arguments)
 
-    monkeypatch.setattr(Picture, "at", interrupted)
+    monkeypatch.setattr(place, method, interrupted)
+    monkeypatch.setattr(workers, "_start", lambda: started.append(start()) or started[-1])
+    monkeypatch.setattr(workers, "cores", lambda: cores)
     for earlier in (False, True):
         if earlier:
             path.write_bytes(b"made by crinoid 0.0.1")
@@ -284,6 +327,8 @@ def test_an_interrupted_film_leaves_nothing_and_an_earlier_one_stays(
         line = fails(planar, "--to", path, *TINY, code=130)
         assert line == "crinoid: interrupted: no film is written"
         assert len(drawn) == 12
+        assert [each.poll() is None for each in started] == [False] * len(started)
+        assert bool(started) == (cores > 1)
         assert [each.name for each in tmp_path.iterdir()] == [name] * earlier
     assert path.read_bytes() == b"made by crinoid 0.0.1"
 

@@ -259,16 +259,19 @@ def cases_table(
         unit = units[name] = unit_of(registry[name].attributes, size)
         head = f"{heading}\n({unit.name})" if unit.name else heading
         table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("settled\n(s)", justify="right", no_wrap=True)
+    steps = any(row[name] != "" for row in rows for name in ("rise_time", "settling_time"))
+    if steps:
+        table.add_column("settled\n(s)", justify="right", no_wrap=True)
     for row, varied in zip(rows, values, strict=True):
         if not in_columns:
             below = zip(names.values(), varied, strict=True)
             varied = ["\n".join(_folded(short, _VARIED_WIDTH, text) for short, text in below)]
+        settled, not_yet = row["settling_time"], "not" * (row["rise_time"] != "")
         table.add_row(
             row["case"].removeprefix("case-"),
             *varied,
             *("" if row[name] == "" else unit.number(row[name]) for name, unit in units.items()),
-            "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
+            *([not_yet if settled == "" else f"{settled:.2f}"] if steps else []),
         )
     return table
 

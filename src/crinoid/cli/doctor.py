@@ -18,10 +18,10 @@ from rich.table import Table
 from crinoid.cli.command import MISSED, console
 from crinoid.cli.display import new_table, say_notes
 from crinoid.foundation.cache_folder import cache_folder
+from crinoid.foundation.cores import cores
 from crinoid.foundation.version import version_of, versions
 from crinoid.scenario import Scenario
 from crinoid.simulation import SimulationError, simulate
-from crinoid.simulation.batch import cores
 
 _AMONG = ("test", "lint", "docs", "dev", "peers")
 """Extras for work on crinoid itself."""

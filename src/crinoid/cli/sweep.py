@@ -1,6 +1,5 @@
 """A sweep: checks, workers, progress, tables, and an estimate from a trial run."""
 
-import csv
 import os
 import time
 from collections.abc import Callable
@@ -15,7 +14,6 @@ from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
-from crinoid.analysis.sea_record import SHARE, SPEED
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
 from crinoid.cli.display import (
@@ -30,7 +28,9 @@ from crinoid.cli.finding import checked_runs
 from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
+from crinoid.cli.weights import shares_of_time
 from crinoid.diagnostics.plausibility import plausibility_warnings
+from crinoid.foundation.cores import cores
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import CASES, measures_of
@@ -38,7 +38,6 @@ from crinoid.results.units import length_unit
 from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
-from crinoid.simulation.batch import cores
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore, has_zarr
@@ -130,7 +129,7 @@ def run_sweep(
                     if not _run(plan, store, options, done, bar, interruption.stop):
                         return f"{Status.INTERRUPTED}: {_saved(plan, done)}"
                     bar.update(bar.task_ids[0], description="collecting", reached="")
-                    data, files = store.collect(plan)
+                    data, files = store.collect(plan, shares)
             except OSError as error:
                 reason = f"{error.filename or folder}: {error.strerror or error}"
                 return f"{reason}; {_saved(plan, done)}"
@@ -210,38 +209,6 @@ def _saved(plan: SweepDesign, done: set[int]) -> str:
     return f"{text} {'is' if len(done) == 1 else 'are'} saved, --resume goes on from there"
 
 
-def shares_of_time(plan: SweepDesign, file: Path) -> Float[np.ndarray, " run"]:
-    """Return the share of time of each run: that of the speeds nearest to its value.
-
-    Runs whose value is as large, such as those of other seeds, have equal parts of it.
-    """
-    if len(plan.varied) != 1 or plan.sampled:
-        raise refusal("--weights", "needs one key with a list or a count of values (--vary)")
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            table = [(float(row[SPEED]), float(row[SHARE])) for row in csv.DictReader(stream)]
-    except (KeyError, TypeError, ValueError, csv.Error) as error:
-        text = f"{file} must have numbers in columns {shown(SPEED)} and {shown(SHARE)}"
-        raise refusal("--weights", text) from error
-    speeds, parts = np.array(table).reshape(-1, 2).T
-    if not (np.isfinite(speeds).all() and (parts >= 0).all() and abs(parts.sum() - 1) < 0.01):
-        text = f"{file} has shares of time that add up to {parts.sum():.4g}"
-        raise refusal("--weights", f"{text}; must be 0 or more, and add up to 1")
-    (key,) = plan.varied
-    values = [plan.values(run)[key] for run in range(1, plan.runs + 1)]
-    try:
-        sizes = np.array([np.linalg.norm(np.asarray(value, float)) for value in values])
-    except (TypeError, ValueError) as error:
-        raise refusal("--weights", f"{key} has values that are no speeds") from error
-    known, place, count = np.unique(sizes, return_inverse=True, return_counts=True)
-    nearest = np.argmin(np.abs(speeds[:, None] - known), axis=1)
-    far = np.abs(speeds - known[nearest]) > np.diff(known).max(initial=0.0)
-    if parts[far].any():
-        text = f"{parts[far].sum():.2%} of the time is far from {known[0]:g} to {known[-1]:g} m/s"
-        raise refusal("--weights", f"{text}, the values of {key}. Vary it over all speeds.")
-    return (np.bincount(nearest, parts, known.size) / count)[place]
-
-
 def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = None) -> Table:
     """Return quantiles over the runs that reached their end, and means by their share of time."""
     rows, heads = [], ["", "smallest", "run", "median", "95 %", "largest", "run"]
@@ -255,7 +222,7 @@ def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = Non
         low, middle, high, most = map(unit.number, np.quantile(known, (0.0, 0.5, 0.95, 1.0)))
         runs = [str(data["run"].values[at(values)]) for at in (np.nanargmin, np.nanargmax)]
         rows.append([head_of(name, unit), low, runs[0], middle, high, most, runs[1]])
-        if shares is not None:
+        if shares is not None and name != "life":
             weights = shares[np.isfinite(values)]
             mean = known @ weights / weights.sum() if weights.any() else np.nan
             rows[-1].append(unit.number(float(mean)))
@@ -265,6 +232,8 @@ def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = Non
         heads.append("mean of time")
         well = [Status.of(words) is Status.OK for words in data["status"].values]
         rows.append(["time that ends well", *[""] * 6, f"{shares[well].sum():.2%}"])
+        if np.isfinite(life := float(data.get("combined_life", np.nan))):
+            rows.append(["fatigue life over all of it", *[""] * 6, f"{life:.3g} year"])
     return new_table(data.attrs["title"], heads, rows, box=box.SIMPLE, pad_edge=False)
 
 

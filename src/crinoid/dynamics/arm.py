@@ -12,6 +12,10 @@ from crinoid.dynamics import windows
 from crinoid.dynamics.context import Context, Memory
 from crinoid.elements import ENERGIES, Element, Motion, Stretch, Tool, VortexForces, Vortices
 from crinoid.numerics import banded, index_array
+from crinoid.numerics.frames import moments, unit
+
+_BENT = 3
+"""Nodes of a window that bends."""
 
 
 class Arm(eqx.Module):
@@ -81,6 +85,29 @@ class Arm(eqx.Module):
             energy = jnp.sum(jax.vmap(added)(element, owned))
             found[element.worked] = found.get(element.worked, 0.0) + energy
         return found
+
+    @eqx.filter_jit
+    def moments(self, motion: Motion, num_nodes: int) -> Float[Array, "n turns"]:
+        """Return the moment of the arm beyond each node on the arm before it (N m).
+
+        It is that of the internal forces on three nodes, of material and threads: about the node
+        in the middle, of the forces on the first node and of the torque on the first edge.
+        """
+
+        def handed_on(element: Element, window: Motion) -> Array | None:
+            if not element.relative or element.stencil != _BENT:
+                return None
+            forces, axes = element.residual(window), window.flow_velocity.shape[-1]
+            edge = window.position[1, :axes] - window.position[0, :axes]
+            moment = moments(edge, forces[0, :axes])
+            return moment - forces[1, 3] * unit(edge)[0] if forces.shape[1] > 3 else moment
+
+        total = jnp.zeros((num_nodes, 1 if motion.flow_velocity.shape[-1] == 2 else 3))
+        for element, found in self._in_windows(motion, handed_on):
+            if found is not None:
+                middle = windows.nodes_of(element)[:, 1:2]
+                total += index_array.scatter(found[:, None], middle, num_nodes)
+        return total
 
     def branch_tension(self) -> Float[Array, " e"] | None:
         """Return the axial force of the Maxwell branches (N); None of a material without them."""

@@ -62,6 +62,10 @@ def _estimated(
     )
 
 
+_WHOLE = "of material, damping, tendons and chambers"
+_FROM = "balances the moments at the two ends of an edge"
+
+
 # fmt: off
 VARIABLES = (
     _row("position", "time node axis", "m", "position of the nodes",
@@ -88,6 +92,18 @@ VARIABLES = (
          more="a unit vector across the edge; $m_2$ is `tangent` $\\times$ `director`"),
     _row("tension", "time edge", "N", "axial force in the edges, tension positive",
          lambda run: run.tension, more="elastic and viscous"),
+    _row("bending_moment", "time node", "N m", "bending moment, positive from x toward z",
+         lambda run: run.bending_moment, where="plane", more=_WHOLE),
+    _row("bending_moment", "time node bending", "N m",
+         "bending moment, positive toward the directors m_1 and m_2",
+         lambda run: run.bending_moment, where="space",
+         more=f"of the edge beyond; {_WHOLE}"),
+    _row("shear_force", "time edge", "N",
+         "force across the edges of the arm beyond, positive to the side of x toward z",
+         lambda run: run.shear_force, where="plane", more=_FROM),
+    _row("shear_force", "time edge bending", "N",
+         "force across the edges of the arm beyond, along the directors m_1 and m_2",
+         lambda run: run.shear_force, where="space", more=_FROM),
     _row("tip_position", "time axis", "m", "position of the tip", lambda run: run.tip),
     _row("tip_target", "time axis", "m", "where the tip should be", lambda run: run.target),
     _row("tip_direction", "time axis", "1", "where the tip points",

@@ -22,9 +22,9 @@ from crinoid.compilation import OFTEN, ONCE, Program, compiled
 from crinoid.control import Controller, Neural, Observation, pose_error
 from crinoid.control.neural import Policy
 from crinoid.dynamics import State
+from crinoid.foundation.cores import cores
 from crinoid.learning.environment.draws import EpisodeDraw, EpisodeSampler, TreeForm, arrays_of
 from crinoid.simulation import Loop, LoopState, rollout
-from crinoid.simulation.batch import cores
 
 T = TypeVar("T")
 

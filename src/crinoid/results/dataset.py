@@ -99,6 +99,29 @@ class Instants:
         return tension if branches is None else tension + np.asarray(branches)
 
     @property
+    def bending_moment(self) -> Float[np.ndarray, "time node ..."]:
+        """Bending moment at the nodes, in the axes of the edge beyond (N m)."""
+        found = self._across(np.asarray(self.kept.moment)[:, :-1])
+        return np.concatenate([found, np.zeros_like(found[:, :1])], axis=1)  # none at the tip
+
+    @property
+    def shear_force(self) -> Float[np.ndarray, "time edge ..."]:
+        """Force across the edges, of the arm beyond on the arm before (N).
+
+        It balances the moments on the two ends of an edge, whose mass does not resist turning.
+        """
+        change = self._across(np.diff(np.asarray(self.kept.moment), axis=1))
+        return -change / (self._lengths if change.ndim == 3 else self._lengths[..., 0])
+
+    def _across(self, moment: Float[np.ndarray, "time edge turns"]) -> np.ndarray:
+        """Return moments on the edges as bending; in space toward m_1 and toward m_2 (N m)."""
+        if self.dimension == 2:
+            return moment[..., 0]
+        first = np.asarray(self.kept.director)
+        second = np.cross(self.tangent, first)
+        return np.stack([np.sum(moment * second, axis=2), -np.sum(moment * first, axis=2)], axis=2)
+
+    @property
     def twist(self) -> Float[np.ndarray, "time edge"]:
         """Twist of the edges, the mean of their two nodes (rad/m)."""
         assert self.kept.twist is not None

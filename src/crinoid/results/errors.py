@@ -11,8 +11,6 @@ from crinoid.scenario import Scenario
 
 _LAST = 0.1
 """Share of a run, at its end, that counts as steady."""
-_BAND = 0.05
-"""Error of a settled tip over the largest error without control."""
 _ROUND = 1e-9
 """Round-off of times (s)."""
 
@@ -124,25 +122,6 @@ def within_tolerance(result: Result) -> float | None:
     if tolerance is None or not counted.any():
         return None
     return float(np.mean(result.dataset["tip_error"].values[counted] <= tolerance))
-
-
-def settling_time(result: Result) -> float | None:
-    """Return the settling time of the tip (s): its last entry into a band; None if it ends outside.
-
-    The band is 5 % of the largest judged error of the run without control, or of this run if there
-    is none.
-    """
-    reference, counted = result.uncontrolled or result, judged(result)
-    if not (counted.any() and judged(reference).any()):
-        return None
-    band = _BAND * tip_error(reference).maximum
-    time = result.dataset["time"].values[counted]
-    outside = np.flatnonzero(result.dataset["tip_error"].values[counted] > band)
-    if outside.size == 0:
-        return float(time[0])
-    if outside[-1] == time.size - 1:
-        return None
-    return float(time[outside[-1] + 1])
 
 
 def deflection(result: Result) -> float | None:

@@ -3,6 +3,7 @@
 They count from the start of a run, as an onset loads a structure too.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,8 @@ class Peak(NamedTuple):
     value: float
     station: float
     """Distance from the root along the arm at rest (m)."""
+    time: float
+    """s."""
 
 
 class ContactExtremes(NamedTuple):
@@ -157,10 +160,17 @@ def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
 
 def largest_curvature(result: Result) -> Peak | None:
     """Return the largest curvature (1/m); None where the result lacks it."""
-    if "curvature" not in result.dataset:
-        return None
-    parts = pieces(result.dataset, ["curvature"])
-    return _peak(result, [_bend(part["curvature"].values).max(axis=0) for part in parts])
+    return _largest(result, "curvature")
+
+
+def largest_bending_moment(result: Result) -> Peak | None:
+    """Return the largest bending moment (N m); None where the result lacks it."""
+    return _largest(result, "bending_moment")
+
+
+def largest_shear_force(result: Result) -> Peak | None:
+    """Return the largest shear force (N), at the middle of an edge; None if unknown."""
+    return _largest(result, "shear_force")
 
 
 def largest_strain(result: Result) -> Peak | None:
@@ -172,17 +182,22 @@ def largest_strain(result: Result) -> Peak | None:
     data = result.dataset
     if not {"curvature", "position"} <= set(data):
         return None
-    rest, radius = np.diff(data["arc_length"].values), data["diameter"].values / 2
-    given = np.atleast_1d(result.scenario.arm.rest_curvature)
+    radius, given = data["diameter"].values / 2, np.atleast_1d(result.scenario.arm.rest_curvature)
     unloaded = given[0] if data["curvature"].ndim == 2 else _components(given)
-    most = []
-    for part in pieces(data, ["curvature", "position"]):
-        edges = np.diff(part["position"].values, axis=1)
-        stretch = np.linalg.norm(edges, axis=2) / rest - 1
-        ends = np.concatenate([stretch[:, :1], stretch, stretch[:, -1:]], axis=1)
-        axial = np.abs(ends[:, 1:] + ends[:, :-1]) / 2
-        most.append((axial + radius * _bend(part["curvature"].values - unloaded)).max(axis=0))
-    return _peak(result, most)
+    parts = pieces(data, ["curvature", "position"])
+    strains = (
+        abs(stretch_at_nodes(part)) + radius * _size(part["curvature"].values - unloaded)
+        for part in parts
+    )
+    return _peak(data, strains)
+
+
+def stretch_at_nodes(part: xr.Dataset) -> Float[np.ndarray, "time node"]:
+    """Return the strain of the arm's axis at the nodes, the mean of both edges (1)."""
+    edges = np.diff(part["position"].values, axis=1)
+    stretch = np.linalg.norm(edges, axis=2) / np.diff(part["arc_length"].values) - 1
+    ends = np.concatenate([stretch[:, :1], stretch, stretch[:, -1:]], axis=1)
+    return np.asarray((ends[:, 1:] + ends[:, :-1]) / 2)
 
 
 def bending_cycles(result: Result) -> BendingCycles | None:
@@ -218,11 +233,35 @@ def _components(given: Float[np.ndarray, " part"]) -> Float[np.ndarray, " bendin
     return given[:2] if given.size == 3 else np.array([0.0, given[0]])
 
 
-def _bend(curvature: Float[np.ndarray, "time node ..."]) -> Float[np.ndarray, "time node"]:
-    return np.asarray(np.linalg.norm(curvature, axis=2) if curvature.ndim == 3 else abs(curvature))
+def _size(values: Float[np.ndarray, "time place ..."]) -> Float[np.ndarray, "time place"]:
+    return np.asarray(np.linalg.norm(values, axis=2) if values.ndim == 3 else abs(values))
 
 
-def _peak(result: Result, most: list[Float[np.ndarray, " node"]]) -> Peak:
-    by_node = np.max(most, axis=0)
-    node = int(np.argmax(by_node))
-    return Peak(float(by_node[node]), float(result.dataset["arc_length"].values[node]))
+def stations_of(data: xr.Dataset, name: str) -> Float[np.ndarray, " place"]:
+    """Return the distances from the root of a variable at nodes, or at the middles of edges (m)."""
+    nodes = data["arc_length"].values.astype(float)
+    return nodes if "node" in data[name].dims else (nodes[1:] + nodes[:-1]) / 2
+
+
+def _largest(result: Result, name: str) -> Peak | None:
+    data = result.dataset
+    if name not in data:
+        return None
+    sizes = (_size(part[name].values) for part in pieces(data, [name]))
+    return _peak(data, sizes, stations_of(data, name))
+
+
+def _peak(
+    data: xr.Dataset,
+    parts: Iterable[Float[np.ndarray, "time place"]],
+    stations: Float[np.ndarray, " place"] | None = None,
+) -> Peak:
+    """Return the largest value of pieces of time, by default at the nodes."""
+    most, instant, place, first = -np.inf, 0, 0, 0
+    for values in parts:
+        at = divmod(int(np.argmax(values)), values.shape[1])
+        if not (np.isnan(most) or values[at] <= most):  # the first that is no number stays
+            most, instant, place = float(values[at]), first + at[0], at[1]
+        first += len(values)
+    along = data["arc_length"].values if stations is None else stations
+    return Peak(most, float(along[place]), float(data["time"].values[instant]))

@@ -123,9 +123,15 @@ MEASURES = {
         "m", "steady tip error without control",
         "mean distance of the tip without control from where it should be, over the last tenth",
         "errors:deflection"),
+    "rise_time": Measure(
+        "s", "rise time", "time of the step response from 10 % to 90 % of its final value",
+        "step_response:step_response.rise_time"),
+    "overshoot": Measure(
+        "1", "overshoot", "share of its final value by which the step response exceeds it",
+        "step_response:step_response.overshoot"),
     "settling_time": Measure(
-        "s", "settling time", "when the tip error last came into 5 % of the largest one",
-        "errors:settling_time"),
+        "s", "settling time", "time from the step until the response stays within 2 %",
+        "step_response:step_response.settling_time"),
     "rms_angle_error": Measure(
         "rad", "RMS angle error", f"RMS {_ANGLE}",
         "errors:angle_error.rms", "smooth:rms_angle_error"),
@@ -148,6 +154,27 @@ MEASURES = {
             ("max", "largest", "largest", "maximum"), ("rms", "RMS", "RMS", "rms"),
             ("p95", "P95", "95th percentile of the", "p95"))
     },
+    **{
+        f"base_{load}_{axis}_{end}{time}": Measure(
+            "s" if time else unit, f"{word} base {load} {way} {axis}{', time' if time else ''}",
+            f"{'time of the ' if time else ''}{word} {load} of the arm on its base {way} {axis}",
+            f"base_components:base_components.{load}_{axis}_{end}{time}")
+        for load, unit, way in (("force", "N", "along"), ("moment", "N m", "about"))
+        for axis in "xyz"
+        for end, word in (("min", "least"), ("max", "greatest"))
+        for time in ("", "_time")
+    },
+    **{
+        f"max_{load}{end}": Measure(
+            unit or own, f"{short}largest {words}", f"{text}largest {words} of the arm",
+            f"loads:largest_{load}.{field}")
+        for load, own in (("bending_moment", "N m"), ("shear_force", "N"))
+        for words in (load.replace("_", " "),)
+        for end, unit, short, text, field in (
+            ("", "", "", "", "value"),
+            ("_station", "m", "station of ", "distance from the root of the ", "station"),
+            ("_time", "s", "time of ", "time of the ", "time"))
+    },
     "max_curvature": Measure(
         "m-1", "largest curvature", "largest curvature of the arm",
         "loads:largest_curvature.value"),
@@ -169,10 +196,17 @@ MEASURES = {
     "equivalent_curvature_range": Measure(
         "m-1", "equivalent curvature range", "range of as many equal cycles of the same damage",
         "loads:bending_cycles.equivalent_range"),
+    "life": Measure(
+        "year", "fatigue life", "fatigue life of the arm in the conditions of the run",
+        "fatigue:fatigue_life.life"),
+    "life_station": Measure(
+        "m", "station of fatigue", "distance from the root at which the fatigue life is shortest",
+        "fatigue:fatigue_life.station"),
     "contact_time": Measure(
         "s", "contact time", "longest time in contact with an obstacle", "loads:contact.time"),
     "max_contact_force": Measure(
-        "N", "largest contact force", "largest force of an obstacle", "loads:contact.force"),
+        "N", "largest contact force", "largest force of an obstacle at the saved instants",
+        "loads:contact.force"),
     "min_gap": Measure(
         "m", "smallest gap", "smallest distance of an obstacle from the arm's surface",
         "loads:contact.gap"),
@@ -207,8 +241,8 @@ MEASURES = {
 # fmt: on
 """The registry of measures, by their names in tables and files.
 
-Errors and effort count from `crinoid.Scenario.judged_from` on, loads, strains and the vehicle from
-the start.
+Errors and effort count from `crinoid.Scenario.judged_from` on, the step response from the step,
+loads, strains and the vehicle from the start.
 """
 EFFORT = "RMS speed of the inputs, of means between saved instants"
 """Meaning of the speeds of `measured`."""

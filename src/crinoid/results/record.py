@@ -25,6 +25,8 @@ class Record(eqx.Module):
     flow_velocity: Float[Array, "*t n d"]
     curvature: Float[Array, "*t n"] | Float[Array, "*t n 2"]
     """At the nodes (1/m); in space kappa_1 and kappa_2."""
+    moment: Float[Array, "*t n turns"]
+    """Moment of the arm beyond each node on the arm before it (N m)."""
     tip: Float[Array, "*t pose"]
     reference: Float[Array, "*t pose"]
     command: Float[Array, "*t channel"]

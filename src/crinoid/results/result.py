@@ -7,12 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from crinoid.foundation.atomic_file import FilePath, atomic_write
+from crinoid.foundation.face import Faced
 from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
@@ -53,7 +52,7 @@ class ResultError(ValueError):
     """A file without a result, or with one that cannot be resumed."""
 
 
-class Result:
+class Result(Faced):
     """A run: its data, how it ended, and the same case without control if that was run too.
 
     Parameters
@@ -197,8 +196,13 @@ class Result:
 
         return Plots(self)
 
+    def _face(self) -> tuple[str, dict[str, str]]:
+        from crinoid.results.face import face_of
+
+        return face_of(self)
+
     def _repr_html_(self) -> str:
-        """Return it as notebooks show it: its numbers, and a small animation."""
+        """Return it as notebooks show it: a small animation, and its numbers."""
         from crinoid.view.notebook import html_of
 
         return html_of(self)
@@ -233,6 +237,9 @@ class Result:
                     "it holds no state that this scenario can go on from: of "
                     f"{name} it has {_kind(saved.get(name))}, not {_kind(wanted.get(name))}"
                 )
+        import jax
+        import jax.numpy as jnp
+
         leaves = [jnp.asarray(saved[name]) for name in wanted]
         return jax.tree.unflatten(jax.tree.structure(like), leaves)
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import netCDF4
 import numpy as np
 import xarray as xr
@@ -19,9 +18,11 @@ CHECKPOINT = "checkpoint"
 
 def named_leaves(tree: Any) -> dict[str, np.ndarray]:
     """Return the arrays of a tree by their path in it, such as ``state.motion.position``."""
+    from jax.tree_util import keystr, tree_leaves_with_path
+
     return {
-        jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf)
-        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+        keystr(path, simple=True, separator="."): np.asarray(leaf)
+        for path, leaf in tree_leaves_with_path(tree)
     }
 
 

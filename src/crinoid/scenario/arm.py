@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake, got
+from crinoid.scenario.errors import Mistake, got, missing
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
     AsTuple,
@@ -102,6 +102,21 @@ class LossFactor(Model):
             yield self.mistake("band_hz")
 
 
+class Fatigue(Model):
+    """The fatigue strength of the material: N cycles of a stress range S, N S^slope = intercept."""
+
+    slope: float = Field(gt=0, description="Slope of the curve of stress range over cycles.")
+    intercept: Annotated[float, Quantity("Pa^slope")] = Field(
+        gt=0, description="Cycles that a stress range of 1 Pa would need, N S^slope."
+    )
+    youngs_modulus: Pascals | None = entry(
+        None,
+        "Young's modulus from strain to stress; `arm.youngs_modulus` by default, needed with "
+        "`section.EI`.",
+        gt=0,
+    )
+
+
 def has_branches(given: Mapping[str, Any]) -> bool:
     """Return whether the keys of ``[arm]`` give the material Maxwell branches."""
     return bool(given.get("relaxation")) or given.get("loss_factor") is not None
@@ -135,6 +150,7 @@ class Arm(Model):
         0.0, "Curvature at rest; positive curls like tilt (in space kappa_2)."
     )
     section: Section = entry(Section(), "Section properties that replace derived ones.")
+    fatigue: Fatigue | None = entry(None, "Fatigue strength of the material, for a `life`.")
 
     def _conflicts(self) -> Iterator[Mistake]:
         if self.relaxation and self.loss_factor is not None:
@@ -143,6 +159,10 @@ class Arm(Model):
         if self.dimension == 2 and isinstance(bending, tuple) and isinstance(bending[0], tuple):
             hint = "Set arm.dimension = 3 to use it."
             yield Mistake("section.EI", got(bending, f"be {_TAPER} (N m2)", hint))
+
+        if self.fatigue is not None and self.fatigue.youngs_modulus is None and bending is not None:
+            text = missing("be a number above 0 (Pa), as section.EI gives no stress")
+            yield Mistake("fatigue.youngs_modulus", text)
 
     @property
     def diameters(self) -> tuple[float, ...]:

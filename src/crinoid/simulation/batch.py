@@ -7,7 +7,6 @@ others, and memory contains no more arms than there are threads. On an accelerat
 steps together, under `jax.vmap`.
 """
 
-import os
 import threading
 import time
 from collections import deque
@@ -27,6 +26,7 @@ import numpy as np
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import Outcome, State
+from crinoid.foundation.cores import cores
 from crinoid.foundation.status import Status
 from crinoid.results.record import Record
 from crinoid.results.result import Result
@@ -38,7 +38,7 @@ from crinoid.simulation.run import Progress, Report, play, with_loop_notes, with
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.sink import Sink, require_space, runs_in_memory
 
-__all__ = ["Arm", "cores", "on_processor", "play_batched", "run_batch"]
+__all__ = ["Arm", "on_processor", "play_batched", "run_batch"]
 
 _INSTANTS = 16
 """Instants between two looks at the runs."""
@@ -331,10 +331,3 @@ class _Batch(Generic[T]):
             return Arm(self.take(result), result.status, result.notes)
         except ScenarioError as error:  # of a measure from a package
             return self.arm_of(error)
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -49,6 +49,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         acceleration=state.acceleration[1:],
         flow_velocity=state.flow_velocity[1:],
         curvature=strains[:, :2] if spatial else strains[:, 0],
+        moment=forces.arm.moments(state.motion, forces.num_nodes(state.motion.position))[1:],
         tip=system.tip(state),
         reference=loop.target(state.time),
         command=carry.command[:channels],

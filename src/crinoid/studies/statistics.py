@@ -144,7 +144,7 @@ def _mean_table(
 ) -> pd.DataFrame:
     means = means_of(values, place, places)
     extremes = np.full((places, 3), np.nan)
-    if name.startswith("max_") and not name.endswith("_station"):
+    if name.startswith("max_") and not name.endswith(("_station", "_time")):
         for some, rows in grouped(values, place, places):
             extremes[some] = [_extreme(row) for row in rows]
     columns = (name, unit, means.runs, *means[:3], *extremes.T)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from jaxtyping import UInt8
@@ -23,9 +21,8 @@ from crinoid.results.scene.scene import Scene, build_scene
 from crinoid.simulation import LoopState
 from crinoid.simulation.chunk import one_instant, record
 from crinoid.simulation.conclusion import dataset_builder
-from crinoid.view.figures.style import STYLE
 from crinoid.view.film.camera import FilmSettings, cloud_of
-from crinoid.view.film.picture import Picture
+from crinoid.view.film.picture import Picture, film_style
 from crinoid.view.film.settings import CameraSettings
 
 SIZE = (640, 480)
@@ -58,9 +55,7 @@ class EpisodePainter:
         """Draw an instant; ``rate`` is the rate of the pictures (1/s)."""
         time = float(now.state.time)
         shot, reel = CameraSettings(colour="none"), FilmSettings(SIZE, rate, 1.0, np.array([time]))
-        with mpl.rc_context(STYLE), warnings.catch_warnings():
-            # letters of a title that no installed font has become boxes
-            warnings.filterwarnings("ignore", message="Glyph")
+        with film_style():
             title = str(self._about["title"])
             picture = Picture(self._at_one_scale(now), shot, reel, title, "", self._cloud)
             return np.ascontiguousarray(picture.at(time)[..., :3])

@@ -16,6 +16,7 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Array
 
 from crinoid.compilation import OFTEN, require_own_process
+from crinoid.foundation.cores import cores
 from crinoid.foundation.status import Status
 from crinoid.learning.environment.draws import Arrays, EpisodeDraw, NamedBoxes, arrays_of
 from crinoid.learning.environment.env import EpisodeProgram, Reward, task_arguments
@@ -24,7 +25,6 @@ from crinoid.learning.environment.reward import Success, closeness
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.errors import got
 from crinoid.scenario.library import Source
-from crinoid.simulation.batch import cores
 from crinoid.simulation.external import numbers
 
 _FEWEST = 16

@@ -64,10 +64,14 @@ def arc_length(data: xr.Dataset) -> Float[np.ndarray, " node"]:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def has_target(result: Result) -> bool:
+    """Whether the tip has a target, and not only a start from which errors count."""
+    return result.known_scenario.aims or moves(in_space(result.dataset, "tip_target"))
+
+
 def target_word(result: Result) -> str:
     """Return the noun for the target, which may be the start of a tip that nothing controls."""
-    aims = result.known_scenario.aims or moves(in_space(result.dataset, "tip_target"))
-    return "target" if aims else "start of the tip"
+    return "target" if has_target(result) else "start of the tip"
 
 
 def base_word(scenario: Scenario) -> str:

@@ -158,10 +158,13 @@ def arm_attitudes(position: Vectors, director: Vectors | None) -> Rotations:
     tangent = unit_vectors(tangent)
     if director is not None:
         return look_rotation(tangent, at_nodes(director))
-    found = [look_rotation(tangent[:, 0], np.array([0.0, 1.0, 0.0]))]
-    for node in range(1, tangent.shape[1]):
-        found.append(look_rotation(tangent[:, node], found[-1][..., 1]))
-    return np.stack(found, axis=1)
+    aside = np.broadcast_to([0.0, 1.0, 0.0], tangent.shape)
+    if tangent[..., 1].any():  # else all are across +y
+        carried = [aside[:, 0]]
+        for node in range(tangent.shape[1]):
+            carried.append(_across(tangent[:, node], carried[-1]))
+        aside = np.stack(carried[1:], axis=1)
+    return look_rotation(tangent, aside)
 
 
 def look_rotation(forward: Vectors, aside: Vectors) -> Rotations:
@@ -169,14 +172,19 @@ def look_rotation(forward: Vectors, aside: Vectors) -> Rotations:
 
     Where these are parallel, y is brought to some direction across.
     """
-    wish = np.broadcast_to(aside, forward.shape)
-    across = wish - np.sum(wish * forward, axis=-1, keepdims=True) * forward
-    parallel = np.linalg.norm(across, axis=-1, keepdims=True) < 1e-6
-    if parallel.any():
-        other = np.eye(3)[np.argmin(np.abs(forward), axis=-1)]
-        across = np.where(parallel, np.cross(forward, other), across)
-    across = unit_vectors(across)
+    across = _across(forward, aside)
     return np.stack([forward, across, np.cross(forward, across)], axis=-1)
+
+
+def _across(forward: Vectors, aside: Vectors) -> Vectors:
+    """Return unit vectors across others, as near to third ones as possible."""
+    across = aside - np.sum(aside * forward, axis=-1, keepdims=True) * forward
+    length = np.sqrt(np.sum(across**2, axis=-1, keepdims=True))
+    parallel = length < 1e-6
+    if not parallel.any():
+        return across / length
+    other = np.eye(3)[np.argmin(np.abs(forward), axis=-1)]
+    return unit_vectors(np.where(parallel, np.cross(forward, other), across))
 
 
 def quaternions(turn: Rotations) -> Float[np.ndarray, "time 4"]:

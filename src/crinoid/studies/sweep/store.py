@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.dataset import describe
+from crinoid.results.fatigue import combined_life
 from crinoid.results.metrics import CASES, Measures, measures_of, write_rows
 from crinoid.simulation.batch import Arm
 from crinoid.studies.design import SEED
@@ -60,6 +61,8 @@ def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
 _BATCHES = "batches"
 _ZARR, _NETCDF = "study.zarr", "study.nc"
 _DIGITS = 5
+_COMBINED = {"units": "year", "long_name": "fatigue life over the shares of time of all runs"}
+_SHARE = {"units": "1", "long_name": "share of time of the run"}
 
 
 def has_zarr() -> bool:
@@ -127,10 +130,19 @@ class SweepStore:
         with atomic_write(self._path(number)) as temporary:
             data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
 
-    def collect(self, plan: SweepDesign) -> tuple[xr.Dataset, list[Path]]:
-        """Write the study of all batches; return its dataset and files."""
+    def collect(
+        self, plan: SweepDesign, shares: Float[np.ndarray, " run"] | None = None
+    ) -> tuple[xr.Dataset, list[Path]]:
+        """Write the study of all batches; return its dataset and files.
+
+        With the ``shares`` of time of the runs it has the fatigue life over all of them.
+        """
         paths = map(self._path, range(len(plan.batches)))
         data = _assemble(plan, (xr.load_dataset(path, engine="netcdf4") for path in paths))
+        if shares is not None:
+            life = combined_life(data["life"].values, shares)
+            data = data.assign(combined_life=((), life, _COMBINED))
+            data = data.assign_coords(share_of_time=("run", shares, _SHARE))
         self._remove_study()
         path = self.folder / (_ZARR if has_zarr() else _NETCDF)
         if has_zarr():

@@ -40,6 +40,8 @@ def check_place(path: Path, ending: str, *, force: bool) -> None:
 
 _COLOURS = 255  # colours of a GIF; one more marks a pixel that does not change
 _BT709 = 1
+# half the time of a medium speed at a crf of 20: as near to the pictures within 0.4 dB, 20% larger
+_QUALITY = {"preset": "veryfast", "crf": "18"}
 
 Image = UInt8[np.ndarray, "high wide colour=4"]
 
@@ -54,7 +56,7 @@ def write_mp4(
         with av.open(path, "w", format="mp4", options={"movflags": "+faststart"}) as container:
             container.metadata.update(title=title, comment=comment)
             rate = Fraction(frames.fps).limit_denominator(1001)
-            stream = container.add_stream("libx264", rate=rate, options={"crf": "20"})
+            stream = container.add_stream("libx264", rate=rate, options=_QUALITY)
             stream.width, stream.height = frames.size
             stream.pix_fmt = "yuv420p"
             context = stream.codec_context

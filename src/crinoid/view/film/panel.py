@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
@@ -64,24 +65,42 @@ class FilmPanel:
             axes.add_collection(made, autolim=False)
             return made
 
-        def surfaces(order: float) -> PolyCollection:
-            made = PolyCollection([], linewidths=0.4, joinstyle="round", zorder=order)
+        def surfaces(order: float, alpha: float | None = None) -> PolyCollection:
+            look: Any = {"linewidths": 0.4, "joinstyle": "round", "zorder": order}
+            if alpha is not None:
+                look |= {"facecolors": to_rgba(_STONE, alpha), "edgecolors": _STONE}
+            made = PolyCollection([], **look)
             axes.add_collection(made, autolim=False)
             return made
 
-        self.walls, self.shadow = surfaces(1.0), lines(0.4, 1.2, "#B9C6CC")
+        self.walls, self.shadow = surfaces(1.0, 0.55), lines(0.4, 1.2, "#B9C6CC")
         self.grid = [lines(0.06, 1.1, to_rgba(FAINT, 0.38)) for _ in range(2)]
-        self.behind, self.solids, self.glass = lines(0.08, 1.3), surfaces(2.0), surfaces(2.1)
+        self.behind, self.solids, self.glass = lines(0.08, 1.3), surfaces(2.0), surfaces(2.1, 0.25)
         self.trail, self.aim = lines(0.12, 4.0), lines(0.13, 4.1)
+        self._moving: list[Artist] = [
+            *(self.shadow, self.behind, self.solids, self.glass, self.trail, self.aim)
+        ]
         self.water: Any = None
         if (water := scene.members[0].water) is not None:
             look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "minlength": 0.0}
             look |= {"units": "dots", "width": 0.19 * unit, "headwidth": 4.0, "headlength": 6.0}
             nothing = np.zeros((4, len(water.start)))
             self.water = axes.quiver(*nothing, color=WATER, **look)
+            self._moving.append(self.water)
+        for each in self._moving:
+            each.set_animated(True)  # `draw` draws them, above the backdrop of the axes
+        self._backdrop: list[np.ndarray] = []
 
-    def show(self, time: float, drift: Point, along: Point) -> None:
-        """Show a time (s); the camera has moved by a drift, arrows of the water by another (m)."""
+    def draw(self) -> None:
+        """Draw all that moves on the canvas."""
+        for each in sorted(self._moving, key=lambda artist: artist.get_zorder()):
+            self.axes.draw_artist(each)
+
+    def show(self, time: float, drift: Point, along: Point) -> bool:
+        """Show a time (s); the camera has moved by a drift, arrows of the water by another (m).
+
+        Return whether the backdrop, walls and grid, differs from that of the time before.
+        """
         scene, camera = self.scene, self.camera
         across, ahead, up = map(float, camera.view.centre + drift)
         self.view = view = replace(camera.view, centre=(across, ahead, up))
@@ -97,10 +116,17 @@ class FilmPanel:
         arm = arm_surface(now, self.tone, self.shading)
         paint(self.solids, [*self._bodies.at(now), arm, *arms], view)
         behind, before = wall_outlines(now.obstacles, low, high, view)
-        for surface, outlines, alpha in ((self.walls, behind, 0.55), (self.glass, before, 0.25)):
-            surface.set_verts(outlines)
-            surface.set(facecolors=to_rgba(_STONE, alpha), edgecolors=_STONE)
-        self._put_floor(now, low, high)
+        self.glass.set_verts(before)
+        backdrop, earlier = [drift, *behind], self._backdrop
+        fresh = len(backdrop) != len(earlier) or not all(map(np.array_equal, backdrop, earlier))
+        if fresh:
+            self._backdrop = backdrop
+            self.walls.set_verts(behind)
+            self._put_grid(low, high)
+        if scene.spatial:
+            flat = now.position[0].copy()
+            flat[:, 2] = self._level(low, high)
+            self.shadow.set_segments([view.paper(flat)])
         # the travel of each servo that shifts the root
         anchor, attitude = now.mount.anchor[0], now.mount.attitude[0]
         rails = [r for r in self.run.mount.rails if r[2] - r[1] < 3 * scene.length]
@@ -111,13 +137,18 @@ class FilmPanel:
         _put(self.aim, self._aim(now))
         if self.water is not None:
             self._put_water(now, along)
+        return fresh
 
-    def _put_floor(self, now: Keyframes, low: Point, high: Point) -> None:
-        """Draw a grid: a floor in space with the arm's shadow, a wall behind a planar arm."""
-        spatial, size = self.scene.spatial, self.camera.size
-        a, b, c = (0, 1, 2) if spatial else (0, 2, 1)
+    def _level(self, low: Point, high: Point) -> float:
+        """Return the height of the floor in space, or y of the wall behind a planar arm (m)."""
+        size = self.camera.size
+        return float(low[2] - 0.02 * size if self.scene.spatial else high[1] + 0.1 * size)
+
+    def _put_grid(self, low: Point, high: Point) -> None:
+        """Draw a grid: a floor in space, a wall behind a planar arm."""
+        size, level = self.camera.size, self._level(low, high)
+        a, b = (0, 1) if self.scene.spatial else (0, 2)
         room, step = (1.5 if self.camera.flat else 0.3) * size, round_down(size / 6)
-        level = low[2] - 0.02 * size if spatial else high[1] + 0.1 * size
         begin = np.floor((low - room) / step) * step
         end = np.ceil((high + room) / step) * step
         for one, other, grid in ((a, b, self.grid[0]), (b, a, self.grid[1])):
@@ -125,10 +156,6 @@ class FilmPanel:
             pieces = np.full((len(places), 2, 3), level)
             pieces[..., one], pieces[..., other] = places[:, None], (begin[other], end[other])
             grid.set_segments(list(self.view.paper(pieces)))
-        if spatial:
-            flat = now.position[0].copy()
-            flat[:, c] = level
-            self.shadow.set_segments([self.view.paper(flat)])
 
     def _trail(self, now: Keyframes, run: Keyframes, tone: str, strong: float) -> Strokes:
         """Return the path of the tip, paler for earlier times."""
@@ -142,7 +169,9 @@ class FilmPanel:
         return list(np.stack([points[:-1], points[1:]], axis=1)), inks
 
     def _aim(self, now: Keyframes) -> list[Strokes]:
-        """Return the target as a ring, with its dashed path."""
+        """Return the target, if there is one, as a ring with its dashed path."""
+        if not self.scene.aims:
+            return [([], _inks(INK, 0.0, 0))]
         run, view = self.run, self.view
         radius = max(0.024 * self.scene.length, 0.6 * float(run.diameter[-1]))
         ring = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)

@@ -1,9 +1,12 @@
 """Pictures of a film: panels of runs, and texts, scales and colours over them."""
 
 import textwrap
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, LinearSegmentedColormap
@@ -17,7 +20,7 @@ from crinoid.results.scene.scene import Scene, colour_ranges
 from crinoid.results.units import round_down
 from crinoid.scenario.errors import got, one_of, shown
 from crinoid.view.figures.painter import Shading
-from crinoid.view.figures.style import INK, VERMILLION
+from crinoid.view.figures.style import INK, STYLE, VERMILLION
 from crinoid.view.film.camera import Camera, FilmSettings, camera_of, cloud_of, followed_path
 from crinoid.view.film.encode import Image
 from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, WATER, FilmPanel, pale
@@ -28,6 +31,15 @@ _POINT = 72.0 / _DPI  # points of a pixel
 _LONGEST = 1000  # characters of a title
 _ROOM = 32.0  # least width of a picture with a scale of speeds, in heights of type
 _SPARE = 0.9  # of the width of a title: some lines have wider letters than the mean
+
+
+@contextmanager
+def film_style() -> Iterator[None]:
+    """Let all that is drawn meanwhile look as figures do."""
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        # letters of a title that no installed font has become boxes
+        warnings.filterwarnings("ignore", message="Glyph")
+        yield
 
 
 class PictureFrame:
@@ -136,6 +148,37 @@ class PictureFrame:
         self._text(right - bar - 0.4 * u, y, names[0], va="center", ha="right", color=SOFT)
         self._text(wide - u, y - 0.55 * u, label, va="bottom", ha="right", color=SOFT)
 
+    def keep(self) -> None:
+        """Draw once all that lies over the panels except the clock, to lay it over pictures."""
+        figure = self.figure
+        others = (figure.patch, self.clock, *self.axes)
+        for each in (*self.axes, figure.patch):
+            each.set_visible(False)
+        self.canvas.draw()
+        drawn = np.array(self.canvas.buffer_rgba()).reshape(-1, 4)
+        for each in figure.get_children():
+            each.set_visible(each in others)
+        self.clock.set_animated(True)
+        self._inked = np.flatnonzero(drawn[:, 3])
+        ink = drawn[self._inked].astype(float)
+        share, ink[:, 3] = ink[:, 3:] / 255.0, 255.0
+        self._paper, self._ink = 1.0 - share, share * ink + 0.5
+
+    def draw(self, panels: Sequence[FilmPanel], *, fresh: bool) -> Image:
+        """Draw panels, whose backdrop is drawn again if it is fresh."""
+        if fresh:
+            self.canvas.draw()
+            self._backdrop = self.canvas.copy_from_bbox(self.figure.bbox)
+        else:
+            self.canvas.restore_region(self._backdrop)
+        for panel in panels:
+            panel.draw()
+        self.figure.draw_artist(self.clock)
+        picture = np.array(self.canvas.buffer_rgba())
+        pixels = picture.reshape(-1, 4)
+        pixels[self._inked] = self._ink + self._paper * pixels[self._inked]
+        return picture
+
     def _text(self, x: float, y: float, words: str, *, size: float = 1.0, **look: Any) -> Text:
         """Write text at a place in pixels from the upper left."""
         wide, high = self.size
@@ -215,6 +258,7 @@ class Picture:
             field = next(each for each in first.fields if each.name == shading.name)
             label = f"{field.label} ({field.unit})"
             frame.add_colours(label, shading.low, shading.high, shading.ramp)
+        frame.keep()
         self._frame = frame
         self._digits = 3 if frames.times[-1] - frames.times[0] < 5.0 else 2
 
@@ -223,11 +267,9 @@ class Picture:
         times = self._run.time
         place = np.array([np.interp(time, times, each) for each in self._path.T])
         drift, along = place - self._path[0], place - self._path.mean(axis=0)
-        for panel in self._panels:
-            panel.show(time, drift, along)
+        fresh = [panel.show(time, drift, along) for panel in self._panels]
         self._frame.clock.set_text(f"{time:.{self._digits}f} s")
-        self._frame.canvas.draw()
-        return np.array(self._frame.canvas.buffer_rgba())
+        return self._frame.draw(self._panels, fresh=any(fresh))
 
 
 def _shading(scene: Scene, wish: str | None, *, plain: bool) -> Shading | None:

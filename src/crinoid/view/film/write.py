@@ -1,10 +1,8 @@
 """Film of a result, from its file to an MP4 or GIF."""
 
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 
 from crinoid.foundation.atomic_file import atomic_write
@@ -16,11 +14,11 @@ from crinoid.results.reading import open_drawable
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import RESULT, Result
 from crinoid.results.scene.scene import Scene, build_scene, omission_notes
-from crinoid.view.figures.style import STYLE
 from crinoid.view.film.camera import FilmSettings, film_settings
 from crinoid.view.film.encode import FILMS, Image, check_place, has_encoder, write_gif, write_mp4
-from crinoid.view.film.picture import Picture
+from crinoid.view.film.picture import Picture, film_style
 from crinoid.view.film.settings import CameraSettings, ending_of
+from crinoid.view.film.workers import drawn
 from crinoid.view.refusals import require_path
 
 _NODES = 81
@@ -48,24 +46,24 @@ def film_run(
     scene = _scene_of(run, frames)
     status = "" if run.ended is Status.OK else run.status
     comment = f"{MADE} {__version__}"
-    with mpl.rc_context(STYLE), atomic_write(target) as temporary, warnings.catch_warnings():
-        # letters of a title that no font here has are drawn as boxes
-        warnings.filterwarnings("ignore", message="Glyph")
-        picture = Picture(scene, settings, frames, run.title, status)
-        pictures = _draw(picture, frames, report)
-        if ending == ".mp4":
-            write_mp4(temporary, pictures, frames, title=run.title, comment=comment)
-        else:
-            some = np.linspace(0, frames.times.size - 1, _SAMPLES).astype(int)
-            few = [picture.at(frames.times[i]) for i in some]
-            write_gif(temporary, pictures, frames, few=few, comment=comment)
+    order = scene, settings, frames, run.title, status
+    with film_style(), atomic_write(target) as temporary:
+        picture = Picture(*order)
+        with drawn(picture, order, frames) as all_pictures:
+            pictures = _told(all_pictures, frames, report)
+            if ending == ".mp4":
+                write_mp4(temporary, pictures, frames, title=run.title, comment=comment)
+            else:
+                some = np.linspace(0, frames.times.size - 1, _SAMPLES).astype(int)
+                few = [picture.at(frames.times[i]) for i in some]
+                write_gif(temporary, pictures, frames, few=few, comment=comment)
     return target, [*run.left_out, *omission_notes(scene)]
 
 
-def _draw(picture: Picture, frames: FilmSettings, report: Report) -> Iterator[Image]:
-    for done, time in enumerate(frames.times):
+def _told(pictures: Iterator[Image], frames: FilmSettings, report: Report) -> Iterator[Image]:
+    for done in range(frames.times.size):
         report(done, frames.times.size)
-        yield picture.at(float(time))
+        yield next(pictures)
     report(frames.times.size, frames.times.size)
 
 

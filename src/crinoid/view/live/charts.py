@@ -8,10 +8,11 @@ from jaxtyping import Float
 
 from crinoid.actuation import Input
 from crinoid.foundation.axes import ANGLES, AXES, CHANNELS
+from crinoid.results.drives import drive_unit
 from crinoid.results.units import DEGREES, Unit
 from crinoid.scenario import Scenario
 from crinoid.view.figures.charts.chart import Chart, Panel, Trace
-from crinoid.view.figures.charts.drive import ABOUT, drawn_in
+from crinoid.view.figures.charts.drive import ABOUT
 from crinoid.view.live.session_log import Snapshot
 
 SPAN = 20.0  # simulated time in the charts (s)
@@ -33,7 +34,7 @@ class LiveCharts:
         drives = inputs[len(channels) :]
         for index, drive in enumerate(drives):
             ends = [abs(float(end)) for end in (drive.lower, drive.upper)]
-            unit = drawn_in(drive.unit, max(filter(math.isfinite, ends), default=1.0))
+            unit = drive_unit(drive.unit, max(filter(math.isfinite, ends), default=1.0))
             role = f"part {index / max(1, len(drives) - 1):g}"
             lines.append(("actuators", unit, drive.name, role))
         panels = dict.fromkeys((label, unit) for label, unit, _, _ in lines)

@@ -15,8 +15,9 @@ from string import Template
 from typing import Any
 
 import numpy as np
-from websockets.asyncio.server import Request, Response, Server, ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from crinoid.foundation.version import __version__
 from crinoid.results.result import Result
@@ -169,17 +170,22 @@ class Page:
         """Return the page as HTML, with the present instant."""
         scenario, scene = self._scenario, self._scene.scene(self._now, self._start)
         table, numbers, _ = scene_of(scene)
-        plots = plots_of(self._charts.charts, 0.0, SPAN)
+        plots = plots_of(self._charts.charts, 0.0, SPAN, scenario.arm.length)
         time = self._now.time
-        said = {"id": self._id, "span": [time, time + SPAN], "times": [time], "scene": table}
-        kind = "arm in space" if scenario.arm.dimension == 3 else "planar arm"
-        said["kind"] = f"live · {kind} · {scenario.arm.nodes} nodes"
-        said |= {"charts": plots.charts, "ghost": "Start", "reach": REACH}
+        arm = "arm in space" if scenario.arm.dimension == 3 else "planar arm"
+        kind = f"live · {arm} · {scenario.arm.nodes} nodes"
+        said: dict[str, Any] = {
+            "id": self._id,
+            "span": [time, time + SPAN],
+            "times": [time],
+            "scene": table,
+        }
+        said |= {"charts": plots.charts, "ghost": "Start", "reach": REACH, "kind": kind}
         said["controls"] = [each._asdict() for each in self._panel.controls.values()]
         title = scenario.title or "crinoid live"
         body = Template(parts.read_part("live.html")).substitute(
             title=escape(title),
-            kind=escape(said["kind"]),
+            kind=escape(kind),
             stage=parts.stage_of(still_of(scene), '<div class="bar" id="bar"></div>', _KEYS),
             table=parts.json_of(said),
             document=parts.json_of(plots.document),

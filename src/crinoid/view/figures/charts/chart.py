@@ -21,7 +21,7 @@ Series = Float[np.ndarray, " time"]
 
 @dataclass(frozen=True)
 class Trace:
-    """Values (SI) over time (s), or over frequency (Hz) where their panel is."""
+    """Values (SI) over time (s), or over frequency (Hz) or distance (m) where their panel is."""
 
     name: str
     at: Series
@@ -73,6 +73,8 @@ class Panel:
     tall: float = 1.6  # its height on paper, with its key (inches)
     over: tuple[float, float] | None = None
     """Ends of its frequencies (Hz), both axes logarithmic; None over time."""
+    along: float | None = None
+    """Length of the arm (m), where its traces are over the distance from the root."""
     aside: float | None = None
     """Time (s) before which values do not count, and are shaded."""
     columns: int = 4  # columns of the key
