@@ -14,8 +14,8 @@ from benchmarks.step import ARMS, Run, march, steady
 from crinoid.assembly.prepared import system as assembled
 from crinoid.compilation import OFTEN, compiled
 from crinoid.dynamics import State, System
+from crinoid.foundation.cores import cores
 from crinoid.scenario import Scenario, load
-from crinoid.simulation.batch import cores
 from crinoid.studies.batch import simulate_batch
 
 _STEPS, _JOLT = 100, 0.03

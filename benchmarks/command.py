@@ -25,11 +25,11 @@ from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted
 from crinoid.compilation import free_memory
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.cores import cores
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__, versions
 from crinoid.results.units import length_unit, si_unit
 from crinoid.scenario.errors import got, one_of, refusal
-from crinoid.simulation.batch import cores
 from crinoid.view.figures import style
 
 BENCH = "bench.json"

@@ -28,7 +28,7 @@ def draw_benchmark(title: str, rows: Sequence[Row]) -> Figure:
     """
     curves = [row for row in rows if "error" in row["at"]]
     if curves:
-        figure = Figure(figsize=(style.WIDTH, 3.2), layout="constrained")
+        figure = Figure(figsize=(style.width(), 3.2), layout="constrained")
         names = list(dict.fromkeys(row["name"] for row in curves))
         engines = dict.fromkeys(row["engine"] for row in curves)
         colours = dict(zip(engines, style.SERIES, strict=False))
@@ -36,12 +36,12 @@ def draw_benchmark(title: str, rows: Sequence[Row]) -> Figure:
         for axes, name in zip(panels, names, strict=True):
             _curves(axes, name, [row for row in curves if row["name"] == name], colours)
         panels[0].set_ylabel("time of a run (s)")
-        style.key_below(figure, panels, "outside lower center")
+        style.key_of(figure, panels)
     else:
         quantities = list(dict.fromkeys(row["quantity"] for row in rows))
         groups = [[row for row in rows if row["quantity"] == name] for name in quantities]
         heights = [_BAR * len(group) + _PANEL for group in groups]
-        size = (style.WIDTH, sum(heights) + _HEAD)
+        size = (style.width(), sum(heights) + _HEAD)
         figure = Figure(figsize=size, layout="constrained")
         panels = figure.subplots(len(groups), 1, squeeze=False, height_ratios=heights)[:, 0]
         for axes, name, group in zip(panels, quantities, groups, strict=True):

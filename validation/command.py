@@ -53,12 +53,13 @@ def validate(
     force: bool,
 ) -> tuple[str, int]:
     """Run the chosen cases, or list all."""
-    folder, known = folder_for(out, "validation"), all_cases()
+    folder, known = folder_for(out, "-".join(["validation", *(cases or ())])), all_cases()
     if show_list:
         list_cases(known)
         return "", 0
     wanted = chosen(known, cases or (), every=every, peers=peers)
-    return validate_cases(wanted, folder, force=force), MISSED
+    required = peers or bool(cases)
+    return validate_cases(wanted, folder, required=required, force=force), MISSED
 
 
 def chosen(cases: Sequence[Case], names: Sequence[str], *, every: bool, peers: bool) -> list[Case]:
@@ -83,8 +84,11 @@ def list_cases(cases: Sequence[Case]) -> None:
         console.print(f"{case.name:{width}}{case.title} ({marks})", soft_wrap=True)
 
 
-def validate_cases(cases: Sequence[Case], folder: Path, *, force: bool) -> str:
-    """Run cases, and save and show them; return what does not hold or went wrong."""
+def validate_cases(cases: Sequence[Case], folder: Path, *, required: bool, force: bool) -> str:
+    """Run cases, and save and show them; return what does not hold or went wrong.
+
+    ``required`` says whether a case whose peer is not installed is wrong.
+    """
     attempts: list[Attempt] = []
     with claimed(folder), Interruption() as interruption:
         if (folder / VALIDATION).exists() and not force:
@@ -109,7 +113,8 @@ def validate_cases(cases: Sequence[Case], folder: Path, *, force: bool) -> str:
         say_notes(f"{each.case.name}: {each.trouble}" for each in attempts if each.trouble)
         files = [VALIDATION, *(name for each in attempts for name in each.files)]
         show(checks_table(attempts), (), [folder / name for name in files])
-    wrong = [_wrong(each) for each in attempts if not each.holds and not each.left_out]
+    failed = (each for each in attempts if not each.holds)
+    wrong = [_wrong(each) for each in failed if required or not each.left_out]
     text = listed(wrong, VALIDATION)
     if len(attempts) < len(cases):
         stopped = f"{Status.INTERRUPTED} after {len(attempts)} of {len(cases)} cases, and saved"
@@ -149,6 +154,6 @@ def _yes(holds: bool) -> str:
 def _wrong(each: Attempt) -> str:
     """Return the name of a case that does not hold, and what does not."""
     if each.evidence is None:
-        return f"{each.case.name} failed"
+        return f"{each.case.name}{f': {each.trouble}' if each.left_out else ' failed'}"
     missed = [check.quantity for check in each.evidence.checks if not check.holds]
     return f"{each.case.name} does not hold: {listed(missed, VALIDATION)}"

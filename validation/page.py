@@ -33,7 +33,9 @@ python -m validation.page results/validation
 ```
 
 Without options `python -m validation` runs the short cases that need no other program; names choose
-cases, and `--list` shows the names. The exit code is 1 where an error is larger than its tolerance.
+cases, and `--list` shows the names. Named cases are written into `results/validation-CASE`. The
+exit code is 1 where an error is larger than its tolerance, and where the peer of a named case, or
+with `--peers` of any case, is not installed.
 `validation.json` has all checks, `CASE.png` the figure of a case, and `CASE.toml` its scenario, for
 `crinoid equilibrium` or `crinoid run`.
 

@@ -10,10 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.io import loadmat
+from scipy.linalg import block_diag
 
 import crinoid
 from crinoid.analysis.linear_loop import linear_loop
 from crinoid.analysis.linearisation import find_state_space
+from crinoid.analysis.sampled_plant import System as LinearSystem
+from crinoid.analysis.state_space import StateSpaceModel
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.linearise import _poles_table
 from crinoid.control import Controller
@@ -185,6 +188,37 @@ LOOP = Scenario(
 @pytest.fixture(scope="module")
 def model():
     return crinoid.linearise(LOOP)
+
+
+def test_a_model_says_its_names_and_poles_in_a_few_lines():
+    turn = 2 * np.pi * 0.5 * 0.1  # a vibration of 0.5 Hz in a period of 0.1 s, and a lag of 0.2 s
+    swing = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    A = block_diag(np.exp(-0.05) * swing, np.exp(-0.5))
+    model = StateSpaceModel.of(
+        LinearSystem(A, np.ones((3, 1)), np.ones((1, 3)), np.zeros((1, 1))),
+        title="A tank",
+        period=0.1,
+        current=np.array([0.2, 0.0]),
+        states=("x", "v", "lag"),
+        inputs=("command_tilt",),
+        outputs=("share",),
+        state_units=("m", "m s-1", ""),
+        input_units=("rad",),
+        output_units=("1",),
+        operating_states=np.zeros(3),
+        operating_inputs=np.zeros(1),
+        operating_outputs=np.zeros(1),
+        input_scales=np.ones(1),
+    )
+    assert str(model).splitlines() == [
+        'Linear model of "A tank": 3 states over 0.1 s, stable, in water of 0.2, 0 m/s',
+        "  states   x (m), v (m s-1), lag",
+        "  inputs   command_tilt (rad)",
+        "  outputs  share",
+        "  poles    0.5 Hz (damping 0.16), fades in 0.2 s",
+    ]
+    assert "  reduced  error bound " in str(model.reduced(2))
+    assert '<th scope="row">inputs</th><td>command_tilt (rad)</td>' in model._repr_html_()
 
 
 @pytest.mark.slow

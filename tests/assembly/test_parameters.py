@@ -28,6 +28,22 @@ SPACE = {
     "load": [{"kind": "tip", "force": [0.1, 0.0, 0.2]}],
     **TABLES,
 }
+
+
+def test_parameters_say_their_numbers_with_units_also_within_a_trace():
+    parameters = crinoid.parameters(crinoid.Scenario(**PLANE))
+    told = {line.split()[0]: line for line in str(parameters).splitlines()}
+    assert told["Parameters"].startswith("Parameters of an arm in the plane of 5 nodes: ")
+    assert "length 0.5 m, radius [0.02, 0.015] m, density 1080 kg/m3, " in told["arm"]
+    assert told["arm"].endswith(" more")
+    assert told["flow[0]"].endswith("uniform_velocity [0.3, 0.1]")
+    assert "time_step 0.01 s" in told["simulation"]
+    assert "<td>length 0.5 m, " in parameters._repr_html_()
+    traced = []
+    jax.eval_shape(lambda p: traced.append(str(p)), parameters)
+    assert "length (" in traced[0]
+
+
 NAMES = {
     "arm.youngs_modulus": lambda p: p.arm.youngs_modulus,
     "arm.radius": lambda p: p.arm.radius,

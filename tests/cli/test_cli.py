@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 
 from crinoid.cli.command import folder_for
-from crinoid.cli.commands import COMMANDS
+from crinoid.cli.commands import COMMANDS, GROUPS
 from crinoid.cli.display import words_of
 from crinoid.cli.export import export_result
 from crinoid.cli.optimise import optimise_numbers
 from crinoid.learning.settings import TrainingSettings
 from crinoid.results.result import Result
+from crinoid.scenario import ScenarioError
+from crinoid.scenario.document import parse
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.export.formats import FORMATS
 from crinoid.view.film.settings import CameraSettings
@@ -54,6 +56,31 @@ def test_a_mistake_gets_one_line_exit_2_and_nothing_written(here, arguments, ans
 
 
 QUICK = {
+    "still-water": "still-water: no such command. Write crinoid run still-water.",
+    "reprot x": "reprot: no such command. Did you mean 'report'",
+    "sweep": "SCENARIO: missing. See crinoid sweep --help.",
+    "identify small.toml small.toml": "--of: missing. ",
+    "run --seed 3": "--seed: no such option. Write --set seed=3.",
+    "run --arm.length=3": "--arm.length: no such option. Write --set arm.length=3.",
+    "run --duration 3": "--duration: no such option. Write --set simulation.duration=3.",
+    "report small.toml --duration 3": "--duration: no such option. See crinoid report --help.",
+    "run small.toml arm.length=3": "arm.length=3: unexpected word. Write --set arm.length=3.",
+    "run small.toml again": "again: unexpected word. See crinoid run --help.",
+    "run --set arm.length 0.5": "--set: got .* must be KEY=VALUE. Write --set arm.length=0.5.",
+    "run small.toml --set": "--set: requires an argument. ",
+    "run --force=3": "--force: does not take a value. ",
+    "run --case 3": "--case: requires 2 arguments. ",
+    "run unit.toml": "unit.toml: not valid TOML: .* length = 40 cm. Write the number only, in the ",
+    "modes small.toml --count abc": '--count: got "abc"; must be a whole number. ',
+    "film . --speed fast": '--speed: got "fast"; must be a number. ',
+    "report small.toml": "small.toml: is a scenario; must be a folder of crinoid run. ",
+    "export . --to csv --out a.xlsx": '--out: got "a.xlsx"; must be a folder, or ',
+    "report empty": "empty: no result here; ",
+    "export empty --to csv": "empty: no result here; ",
+    "estimate small.toml small.toml": "RECORD: got small.toml, a scenario; must be a record of ",
+    "sweep small.toml --vary arm.length 0.4:0.6:3": '--vary: got "arm.length"; must be KEY=VALUE. ',
+    "sweep small.toml --vary arm.length=0.4-0.6": "--vary: .*. Write arm.length=0.4:0.6:3.",
+    "run small.toml --set control.pid={}": "control.pid: missing; .* or control.pid.NAME.kp with ",
     "run nowhere.toml": "nowhere.toml: no such file or built-in scenario",
     "run small.toml --set control.kind=xyz": 'control.kind: got "xyz"; must be ',
     "run --case nowhere 3": "nowhere/plan.toml: does not exist",
@@ -71,7 +98,7 @@ QUICK = {
     "compare small.toml --controllers xyz": '--controllers: got "xyz"; must be "none", ',
     "tune small.toml --margin 2": "--margin: got 2.0; must be at least 0 ",
     "identify small.toml nowhere.csv --of arm.length": "RECORD: nowhere.csv: no such file",
-    "identify small.toml small.toml --of arm.lenght": "arm.lenght: unknown key",
+    "identify small.toml log.csv --of arm.lenght": "arm.lenght: unknown key",
     "estimate small.toml nowhere.csv": "RECORD: nowhere.csv: no such file",
     "equilibrium small.toml --vary arm.length=1,1": '--vary: got "arm.length=1,1"; must have 2 ',
     "equilibrium small.toml --vary arm.lenght=1,2": "arm.lenght: unknown key",
@@ -95,6 +122,9 @@ for line in sys.stdin.read().splitlines():
 
 
 def test_mistakes_are_answered_before_jax_is_loaded(here):
+    (here / "unit.toml").write_text("[arm]\nlength = 40 cm\n")
+    (here / "log.csv").write_text("")
+    (here / "empty").mkdir()
     path = os.pathsep.join([str(Path(__file__).parents[1]), *sys.path])
     ended = subprocess.run(
         [sys.executable, "-c", ALONE],
@@ -106,7 +136,34 @@ def test_mistakes_are_answered_before_jax_is_loaded(here):
     )
     said = ended.stdout.splitlines()
     for (command, answer), line in zip(QUICK.items(), said, strict=True):
-        assert line.startswith(f"2 False crinoid: {answer}"), command
+        pattern = ".*".join(map(re.escape, answer.split(".*")))
+        assert re.match(f"2 False crinoid: {pattern}", line), command
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    {
+        "length = 0,4": "Write a point in a number, not a comma.",
+        "length = .4": "Write 0 before the point.",
+        "length: 0.4": "Write = between a key and its value.",
+        "kind = pid": "Write text in quotes.",
+        "compare = True": "Write true or false in small letters.",
+        "position = (0, 0)": "Write a list in [ ].",
+        "[chamber]\n[chamber]": "Write [[ ]] around the name of each of several tables.",
+    }.items(),
+)
+def test_a_line_that_is_not_toml_has_a_remedy(line, remedy):
+    with pytest.raises(ScenarioError) as caught:
+        parse(line)
+    assert str(caught.value).endswith(f": {line.splitlines()[-1]}. {remedy}")
+
+
+def test_help_groups_the_commands_and_shows_a_flag_by_its_name_only():
+    assert "<bool>" not in succeeded("run", "--help")
+    every = succeeded("--help")
+    assert [name for names in GROUPS.values() for name in names] == re.findall(
+        r"^│ ([a-z]+) ", every, re.M
+    )
 
 
 OTHERS = {

@@ -12,10 +12,12 @@ from scipy.optimize import brentq
 from crinoid.dynamics import (
     DampedModes,
     ModesError,
+    Relaxing,
     SmallMotions,
     System,
     find_damped_modes,
     find_modes,
+    find_relaxing_modes,
 )
 from crinoid.dynamics.tangent import LineStiffness
 from crinoid.elements import TipLoad
@@ -72,6 +74,23 @@ def test_viscous_material_damps_each_mode_by_half_its_frequency_times_the_dampin
     np.testing.assert_allclose(found.damping_ratio, undamped * 0.01 / 2, rtol=1e-6)
     slower = undamped * (found.damping_ratio - np.sqrt(found.damping_ratio[over] ** 2 - 1).max())
     assert found.decay_rate[-1] == pytest.approx(slower[-1], rel=1e-6)
+
+
+def test_modes_of_a_material_that_relaxes_solve_its_cubic_and_one_without_a_rate_is_left_out():
+    still = small()
+    none = jnp.zeros_like(still.stiffness)
+    natural = 2 * np.pi * find_modes(*still[:2], 4).frequency
+    for ratio, time, missing in ((3.0, 0.5, []), (12.0, 0.1, [2])):
+        branch = np.array([[ratio], [time / natural[1]]])
+        relaxing = Relaxing(still.stiffness, branch)
+        found = find_relaxing_modes(relaxing, still.stiffness, none, still.mass, 4)
+        assert np.flatnonzero(np.isnan(found.frequency)).tolist() == missing
+        for mode in np.flatnonzero(np.isfinite(found.frequency)).tolist():
+            # (s^2 + w^2) (1 + s T) + w^2 r s T = 0
+            power, late = natural[mode] ** 2, branch[1, 0]
+            roots = np.roots([late, 1.0, power * late * (1 + ratio), power])
+            swing = roots[np.argmax(roots.imag)]
+            assert abs(found.rate(mode) - swing) < 1e-6 * abs(swing)
 
 
 def test_a_cross_current_damps_by_the_slope_of_its_drag():

@@ -99,3 +99,32 @@ def among_obstacles(*, drift=0.01, touching=True, **changes):
         force[time.size // 2 :, 1, 1] = -1.0
     velocity = np.tile(drift * np.array([0.3, 1.0]), (len(start), 1))
     return with_obstacles(dataset, start, velocity, force).assign_attrs(scenario=OBSTACLES)
+
+
+THREADS = """
+[[chamber]]
+max_pressure = 80e3
+area = 1e-4
+offset = 0.01
+span = [0.5, 1.0]
+[[tendon]]
+name = "lower"
+max_tension = 4.0
+pretension = 0.5
+offset = 0.012
+angle_deg = 180.0
+"""
+
+
+def with_threads(dataset):
+    """Add a chamber at shares that rise from 0 to 1, and a tendon at shares that fall to 0."""
+    share = np.linspace(0.0, 1.0, dataset.sizes["time"])
+    state = np.stack([share, 1.0 - share], axis=1)
+    added = {"actuator_state": state, "actuator_command": np.zeros_like(state)}
+    names = {"input": ["chamber_0", "lower"], "input_unit": ("input", ["1", "1"])}
+    arrays = {name: (("time", "input"), values) for name, values in added.items()}
+    return (
+        dataset.assign(arrays)
+        .assign_coords(names)
+        .assign_attrs(scenario=dataset.attrs["scenario"] + THREADS)
+    )

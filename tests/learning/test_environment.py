@@ -175,7 +175,7 @@ def test_wrong_options_are_refused(env, kind, numbers, line):
 
 def test_wrong_actions_are_refused(env):
     env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"^action: got the shape \(2,\); must be \(3,\)"):
+    with pytest.raises(ValueError, match=r"^action: got 2 numbers; must be 3: slide \(m\), "):
         env.step([0.0, 0.0])
     with pytest.raises(ValueError, match=r"^action: got \[nan, 0.0, 0.0\]; must be finite"):
         env.step([float("nan"), 0.0, 0.0])

@@ -6,7 +6,6 @@ from scipy import stats
 
 import crinoid
 from crinoid.foundation.result_variables import quantity
-from crinoid.results.base_components import base_component_table
 from crinoid.results.effort import CostWeights
 from crinoid.results.errors import tip_error
 from crinoid.results.extremes import Gumbel
@@ -16,6 +15,7 @@ from crinoid.results.measure_labels import plain_unit
 from crinoid.results.metrics import MEASURES, smooth_measure
 from crinoid.results.result import Result
 from crinoid.results.smooth import SeenMotion
+from crinoid.results.table import summary
 from helpers.made_results import of_values
 
 LENGTH = 0.5
@@ -240,9 +240,14 @@ def test_loads_on_the_base_have_least_and_greatest_components_with_their_times()
     assert measure("base_moment_y_min", planar) == -2.0
     assert measure("base_moment_y_min_time", planar) == TIME[100]
     assert measure("base_force_y_max", planar) is None
-    table = base_component_table(planar)
-    assert [row[0][-7:] for row in table.rows] == ["along x", "along z", "about y"]
-    assert table.rows[2][1:] == ["-2 N m", "0.5 s", "0 N m", "0 s"]
+    planar.dataset = planar.dataset.assign(steps=TIME, newton_iterations=TIME)
+    planar.dataset.attrs["wall_time"] = 1.0
+    rows = {name: cells for name, *cells in summary(planar, full=True).rows if "along" in name}
+    assert [*rows] == [
+        f"force on base along {axis}, {end}" for axis in "xz" for end in ("least", "greatest")
+    ]
+    rows = {name: cells for name, *cells in summary(planar, full=True).rows if "about" in name}
+    assert rows["moment on base about y, least"] == ["-2 N m at 0.5 s"]
 
 
 @BOTH

@@ -47,6 +47,21 @@ def made(error, angle=0.0, scenario=None, slide=0.0, force=1.0):
     return Result(run.assign_attrs(attrs))
 
 
+def test_a_result_says_its_main_numbers_in_a_few_lines():
+    result = made(0.02, scenario=crinoid.Scenario().with_values(DRIVEN))
+    result.uncontrolled = made(0.04)
+    title, run, *rows = str(result).splitlines()
+    assert title == 'Result of "made up": ok'
+    assert run.endswith("101 saved instants, arm in the plane of 2 nodes")
+    assert [" ".join(row.split()) for row in rows[:2]] == [
+        "tip error, RMS 20 mm, 40 mm without control",
+        "tip error, maximum 20 mm, 40 mm without control",
+    ]
+    assert len(rows) == 6
+    result.dataset = result.dataset.drop_vars("time")  # whatever it holds
+    assert repr(result).startswith('Result of "made up": ok')
+
+
 def said(shown, width=80):
     console = Console(width=width)
     with console.capture() as capture:

@@ -30,7 +30,8 @@ from crinoid.scenario import (
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
 from crinoid.scenario.base_motion import TableMotion
-from crinoid.scenario.document import anchor, parse
+from crinoid.scenario.document import anchor, parse, value_at
+from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.obstacle import Capsule
 from crinoid.scenario.quantity import unit_vector
 from helpers.refusals import mistake, refused, written_and_answered
@@ -235,6 +236,51 @@ def test_overrides_make_what_is_missing(path):
     scenario = load(path, ["flow.0.kind=uniform", "flow.0.velocity=[1, 0]", "arm.section.EA=10"])
     assert scenario.flow == (UniformFlow(velocity=(1.0, 0.0)),)
     assert scenario.arm.section.EA == 10.0
+
+
+def test_the_name_of_a_table_in_a_list_is_its_index():
+    named = ["chamber.0.name=lift", "chamber.lift.max_pressure=5e4", "vary={}"]
+    scenario = load("reach-pressure", named)
+    assert scenario.chamber[0].max_pressure == 5e4
+    other = scenario.with_values({"chamber.lift.offset.1": 0.007, "seed": 3})
+    assert other == scenario.with_values({"chamber.0.offset.1": 0.007, "seed": 3})
+    assert value_at(other.to_dict(), "chamber.lift.offset.1") == 0.007
+    assert value_at(other.to_dict(), "chamber.left.offset") is None
+    varied = scenario.with_values({"vary": {"chamber.lift.max_pressure": [4e4, 6e4]}})
+    assert [case.chamber[0].max_pressure for _, case in varied.cases()] == [4e4, 6e4]
+    schema = json_schema()
+    for key in ("chamber.lift.max_pressure", "chamber.0.max_pressure"):
+        assert unit_at(schema, key) == "Pa"
+    twice = {"chamber.0.area": 1e-4, "chamber.lift.area": 2e-4}
+    assert mistake(scenario.with_values, twice) == (
+        "chamber.lift.area: got chamber.0.area too, which is the same; must name it once"
+    )
+    assert mistake(load, "reach-pressure", ["chamber.left.area=1e-4"]) == (
+        'chamber.left.area: unknown key; must be an index into chamber from 0 to 1, or "lift". '
+        "Use 1 to add an entry."
+    )
+
+
+def test_a_scenario_says_its_tables_in_a_few_lines():
+    scenario = load("coral-touch", ["vary={'seed'=[1,2],'arm.length'=[0.4,0.5,0.6]}"])
+    told = str(scenario).splitlines()
+    assert repr(scenario) == str(scenario)
+    assert told[0] == f'Scenario of "{scenario.title}"'
+    assert {line.split()[0]: line.split(maxsplit=1)[1] for line in told[1:]} == {
+        "arm": "0.5 m in the plane, 21 nodes, radius 0.015 m, E = 4e+06 Pa",
+        "base": "at [0.0, -10.0] m, clamped",
+        "inputs": "slide (m), tilt (rad)",
+        "flow": "uniform",
+        "also": "obstacle sphere",
+        "control": "pid at 100 Hz",
+        "time": "20 s in steps of 0.01 s, seed 0",
+        "vary": "6 cases over seed, arm.length",
+    }
+    octopus = str(load("octopus-3d"))
+    assert "chamber_4 (share), ... 15 more" in octopus
+    hostile = Scenario(title="<b>&")._repr_html_()
+    assert "&lt;b&gt;&amp;" in hostile
+    assert "<td>0.5 m in the plane" in hostile
 
 
 @pytest.mark.parametrize(("setting", "answer"), MISTAKES["in a setting"])

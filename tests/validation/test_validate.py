@@ -83,10 +83,14 @@ def test_record_figure_and_scenario_are_written(cases, tmp_path):
 
 def test_long_cases_and_those_of_peers_are_run_on_request(cases, tmp_path):
     assert "far" in succeeded("--all", "--out", "all")
-    said = succeeded("--peers", "--out", "peers")
-    assert "note: other: not run: needs no_such_package, which is not installed" in said
+    for words in (("--peers", "--out", "peers"), ("other",)):
+        said = refused(*words, code=1)
+        assert said == "crinoid: other: not run: needs no_such_package, which is not installed"
     assert [each["name"] for each in record(tmp_path / "peers")["cases"]] == ["good", "other"]
-    assert "far" in succeeded("far", "--out", "named")
+    assert "far" in succeeded("far")
+    assert [each["name"] for each in record(tmp_path / "results/validation-far")["cases"]] == [
+        "far"
+    ]
     listed = succeeded("--list")
     assert [line.split()[0] for line in listed.splitlines()] == ["good", "far", "other"]
 

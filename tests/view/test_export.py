@@ -1,6 +1,7 @@
 """Exports as others read them: ParaView's reader, pandas, a reader of glTF, the library of USD."""
 
 import csv
+import re
 import shutil
 import sys
 import zipfile
@@ -235,7 +236,17 @@ def test_a_workbook_holds_the_measures_and_the_numbers_of_the_result(tmp_path):
     largest = float(data["tip_error"].max())
     assert [(row["B"], row["C"]) for row in worst] == [(pytest.approx(largest), "m")]
     assert {"A": "title", "B": "=1+1"} in found["summary"]
-    assert ("tip_position", "m") in {(row["A"], row["B"]) for row in found["variables"]}
+    units = {row["A"]: row["B"] for row in found["variables"]}
+    assert (units["tip_position"], units["tip_angle"]) == ("m", "degree")
+    angle = [row[column["tip_angle (degree)"]] for row in rows]
+    np.testing.assert_allclose(angle, np.rad2deg(data["tip_angle"]), rtol=1e-15)
+    with zipfile.ZipFile(written.files[0]) as book:
+        chart, sheet = (
+            book.read(f"xl/{name}.xml") for name in ("charts/chart1", "worksheets/sheet2")
+        )
+    assert column["tip_error (m)"].encode() in chart
+    wide = [int(each) for each in re.findall(rb'<col min="(\d+)"', sheet)]
+    assert max(wide) == len(head)
 
 
 def test_a_workbook_that_others_saved_again_is_kept(planar, tmp_path):

@@ -38,12 +38,16 @@ def compared():
     return result
 
 
-def test_a_result_shows_the_numbers_that_close_its_run():
+def test_a_result_shows_the_numbers_that_close_its_run_and_folds_the_others():
     result = compared()
     html = result._repr_html_()
-    found = summary(result)
-    rows = [[*row, *[""] * (len(found.heads) - len(row))] for row in found.rows]
-    assert Tags(html).rows == [found.heads, *rows]
+    parts = html.split("<details><summary>All numbers</summary>")
+    for full, part in enumerate(parts):
+        found = summary(result, full=bool(full))
+        rows = [[*row, *[""] * (len(found.heads) - len(row))] for row in found.rows]
+        assert Tags(part).rows == [found.heads, *rows]
+    assert len(parts) == 2
+    assert html.endswith("</table></details>")
     assert re.sub("<.*?>", "", html).startswith("An arm")
 
 
@@ -152,8 +156,9 @@ def test_a_shape_is_drawn_at_the_times_that_are_asked_for():
     data = swaying_arm(records=41)
     plot, time = Result(data).plot, data["time"].values
     axes = plot.shape(times=[time[10], time[30], time[20] + 1e-4], legend=False, colorbar=False)
-    drawn = axes.collections[0].get_segments()
-    np.testing.assert_allclose(drawn, data["position"][[10, 20, 30]])
+    drawn = np.array(axes.collections[0].get_segments())
+    pieces = (drawn.shape[1] - 1) // (data.sizes["node"] - 1)
+    np.testing.assert_allclose(drawn[:, ::pieces], data["position"][[10, 20, 30]])
     path = next(line for line in axes.lines if line.get_label() == "path of the tip")
     np.testing.assert_allclose(path.get_xydata(), data["tip_position"][10:31])
     for wrong in ([], [time[-1] + 1.0], [-0.1], [float("nan")]):

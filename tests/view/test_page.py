@@ -6,21 +6,27 @@ from html import escape
 
 import numpy as np
 import pytest
+from bokeh.document import Document
 
+from crinoid.results.drives import actuator_drives
 from crinoid.results.reading import with_shapes
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.scene.mount import find_mount
 from crinoid.results.scene.scene import build_scene
+from crinoid.scenario.library import load
 from crinoid.view.figures.charts.chart import Trace
+from crinoid.view.figures.charts.drive import drive_chart
+from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.page.parts import Pack
-from crinoid.view.page.plots import RECORDS, extreme_instants
-from crinoid.view.page.scene import page_scene, scene_of
+from crinoid.view.page.plots import RECORDS, extreme_instants, plots_of
+from crinoid.view.page.repeat import repeat_command
+from crinoid.view.page.scene import page_scene, scene_of, still_of
 from crinoid.view.page.write import page_of
 from helpers.figures import assert_report
 from helpers.made_results import of_runs
 from helpers.pages import HOSTILE, Tags, positions, unpacked
-from helpers.planar_result import swaying_arm
+from helpers.planar_result import swaying_arm, with_threads
 from helpers.spatial_result import among_obstacles, among_solids, curling_arm
 from helpers.studies import save
 
@@ -171,9 +177,80 @@ def test_the_page_shows_numbers_notes_and_how_to_repeat_the_run(plain):
     text, data = plain[0], swaying_arm(records=5, seed=7)
     assert "<li>the first</li><li>the second</li>" in text
     assert "<td>seed</td><td>7</td>" in text
-    assert "crinoid run station-keeping-in-a-turbulent-current.toml" in text
+    assert "save the scenario above as scenario.toml, then <code>crinoid run scenario.toml" in text
     rms = float(np.sqrt(np.mean(data["tip_error"].values ** 2)))
     assert f"<td>tip displacement, RMS</td><td>{1e3 * rms:.3g} mm</td>" in text
+
+
+def test_numbers_and_notes_come_first_and_energy_and_solver_are_folded(plain):
+    page = plain[0]
+    order = [
+        page.index(each)
+        for each in ("<h2>Numbers", ">All numbers<", "<h2>Notes", 'id="charts"', ">Scenario<")
+    ]
+    assert order == sorted(order)
+    charts = json.loads(plain[1].texts["table"])["charts"]
+    assert [each["name"] for each in charts if each["folded"]] == ["energy", "effort"]
+    repeated = swaying_arm(records=5).assign_attrs(notes="once\nonce")
+    assert page_of(Result(repeated)).count("<li>once</li>") == 1
+
+
+def test_a_run_of_a_built_in_scenario_is_repeated_by_its_name():
+    scenario = load("still-water", ["arm.length=0.6", "control.start=2"])
+    data = swaying_arm(records=5).assign_attrs(scenario=scenario.to_toml())
+    line, saved = repeat_command(Result(data))
+    assert (line, saved) == (
+        "crinoid run still-water --set arm.length=0.6 --set control.start=2.0",
+        False,
+    )
+
+
+def test_an_arm_at_rest_has_zeros_on_a_readable_axis():
+    data = swaying_arm(records=50, duration=5.0)
+    data["tip_position"] = data["tip_target"] + 1e-11 * np.sin(data["time"])
+    data["tip_error"] = 1e-11 * abs(np.sin(data["time"]))
+    run = Result(data)
+    charts = [chart for _, chart in charts_of(run)]
+    made = plots_of(charts, 0.0, 5.0, 0.5)
+    panels = {each["name"]: each for chart in made.charts for each in chart["panels"]}
+    assert "tip_spectrum" not in panels
+    assert (panels["tip_error"]["unit"], panels["tip_error"]["traces"][0]["told"]) == (
+        "mm",
+        "at rest",
+    )
+    roots = {root.id: root for root in Document.from_json(made.document).roots}
+    plot = roots[panels["tip_error"]["root"]]
+    assert (plot.y_range.start, plot.y_range.end) == (0.0, 1.0)
+    assert not plot.select_one({"name": "trace 0"}).data_source.data["v"].any()
+
+
+def test_chambers_and_tendons_are_lines_and_their_charts_are_in_physical_units():
+    data = with_threads(swaying_arm(records=5))
+    run = Result(data)
+    drives = {each.name: each for each in actuator_drives(run)}
+    assert {name: each.unit for name, each in drives.items()} == {"chamber_0": "Pa", "lower": "N"}
+    np.testing.assert_allclose(drives["chamber_0"].state, 80e3 * np.linspace(0.0, 1.0, 5))
+    np.testing.assert_allclose(drives["lower"].state, 0.5 + 4.0 * np.linspace(1.0, 0.0, 5))
+    panels = {each.name: each for each in drive_chart(run).panels}
+    units = [panels[f"actuators_{index}"].unit.name for index in (0, 1)]
+    assert units == ["kPa", "N"]
+    table, numbers, _ = scene_of(page_scene(run))
+    chamber, tendon = table["members"][0]["threads"]
+    assert (chamber["first"], chamber["last"], chamber["largest"]) == (10, 20, "80 kPa")
+    assert chamber["offset"][0] == [0.01, 0.0]
+    assert tendon["offset"][-1] == [-0.012, 0.0]
+    np.testing.assert_allclose(
+        unpacked(numbers, chamber["share"])[:, 0], np.linspace(0.0, 1.0, 5), atol=0.01
+    )
+
+
+def test_without_a_target_no_cross_is_drawn():
+    data = swaying_arm(records=5)
+    data["tip_target"] = data["tip_target"].isel(time=[0] * 5).assign_coords(time=data["time"])
+    for scenario, aims in (("", False), (load("still-water").to_toml(), True)):
+        scene = page_scene(Result(data.assign_attrs(scenario=scenario)))
+        assert scene.aims == aims
+        assert ("<circle" in still_of(scene)) == aims
 
 
 def test_charts_have_names_and_units():

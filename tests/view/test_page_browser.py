@@ -1,5 +1,8 @@
 """The page of a run in a browser: it plays, it can be turned, and it tells what the result has."""
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,7 +13,7 @@ from helpers.browsing import Opened
 from helpers.made_results import of_runs
 from helpers.pages import HOSTILE
 from helpers.planar_result import swaying_arm
-from helpers.spatial_result import among_obstacles, curling_arm
+from helpers.spatial_result import among_obstacles, among_solids, curling_arm
 from helpers.studies import COLUMNS, grid, save, study_of_rows, study_row
 
 pytestmark = pytest.mark.slow
@@ -135,6 +138,60 @@ def test_scrubbing_turning_and_colours_change_the_picture(shown):
     assert len(set(pictures)) == len(pictures) - 1  # what is followed is there already
     assert shown.ask("() => crinoid.scene.drawn.parts") == 2
     assert shown.complaints == []
+
+
+def test_folded_charts_are_laid_out_when_they_open_and_charts_are_saved(shown, spatial):
+    folded = shown.page.locator("details.chart").first
+    assert folded.locator(".plot").first.is_hidden()
+    shown.page.set_viewport_size({"width": 900, "height": 800})
+    folded.locator("summary").click()
+    shown.page.wait_for_function(
+        """() => crinoid.charts.panels.filter(({ said }) => said.name.startsWith("energy"))
+        .every(({ view, plot }) => view.bbox.width === plot.clientWidth)""",
+        timeout=10_000,
+    )
+    shown.page.set_viewport_size({"width": 1200, "height": 800})
+    saved = {}
+    for kind in ("CSV", "PNG"):
+        with shown.page.expect_download() as download:
+            shown.page.locator(f".panel button:text('{kind}')").first.click()
+        assert download.value.suggested_filename == f"tip_error.{kind.lower()}"
+        saved[kind] = Path(download.value.path()).read_bytes()
+    assert saved["PNG"].startswith(b"\x89PNG")
+    head, *rows = csv.reader(saved["CSV"].decode().splitlines())
+    assert head == ["time (s)", "with control (mm)", "without control (mm)"]
+    found, data = np.array(rows, float), spatial[0].dataset
+    np.testing.assert_allclose(found[:, 1], 1e3 * data["tip_error"].values, rtol=1e-5, atol=1e-7)
+    assert shown.complaints == []
+
+
+def test_the_submarine_is_whole_in_the_frame_of_all(browser, tmp_path):
+    path = write_run(Result(among_solids(records=5)), tmp_path / "report.html")
+    with Shown(browser, path) as opened:
+        half = {}
+        for framed in ("arm", "all"):
+            opened.page.select_option("label.pick:has-text('Frame') select", framed)
+            opened.ask("() => crinoid.preset('side')")
+            half[framed], hulls, centre, across, aspect = opened.ask(
+                """() => { const { camera, hulls } = crinoid.scene;
+                const { half, centre, axes } = camera;
+                return [half, hulls, centre, axes.across, crinoid.aspect()]; }"""
+            )
+            away = np.abs((np.array(hulls) - centre) @ across)
+            assert (away.max() < half[framed] * aspect) == (framed == "all")
+        assert half["all"] > half["arm"]
+        assert opened.complaints == []
+
+
+def test_arrows_of_the_water_have_a_scale_of_their_speed(shown, spatial):
+    shown.ask("() => crinoid.overlay()")
+    speed = float(shown.page.text_content("#speeds span").split()[1])
+    scale, pixels = shown.ask(
+        """() => [crinoid.scene.water.scale,
+        crinoid.scene.canvas.clientHeight / (2 * crinoid.scene.camera.half)]"""
+    )
+    wide = shown.page.locator("#speeds i").bounding_box()["width"]
+    assert wide == pytest.approx(speed / scale * pixels, abs=1.0)
 
 
 def test_a_base_that_travels_far_is_followed(browser, tmp_path):

@@ -79,13 +79,14 @@ def test_one_instant_has_no_charts_over_time(tmp_path):
 @pytest.mark.parametrize("ending", [pytest.param("pdf", marks=pytest.mark.slow), "svg"])
 def test_figures_are_written_in_other_formats_with_their_texts(ending, tmp_path):
     save(swaying_arm(records=5, nodes=5), tmp_path / "result.nc")
-    names = {path.name for path in write_report(tmp_path, file_format=ending)}
+    width = "178mm" if ending == "pdf" else None
+    names = {path.name for path in write_report(tmp_path, file_format=ending, width=width)}
     figures = [*FIGURES, "cycles.png"]
     assert names == {PAGE, *(Path(name).with_suffix(f".{ending}").name for name in figures)}
     content = (tmp_path / f"shape.{ending}").read_bytes()
     assert b"FontFile2" in content if ending == "pdf" else b">arm over time</text>" in content
     assert is_own(tmp_path / f"shape.{ending}")
-    again = write_report(tmp_path, tmp_path / "again", file_format=ending)
+    again = write_report(tmp_path, tmp_path / "again", file_format=ending, width=width)
     assert content == next(path for path in again if path.stem == "shape").read_bytes()
     (tmp_path / f"mine.{ending}").write_bytes(b"%PDF-1.4 <svg>")
     clear_figures(tmp_path)

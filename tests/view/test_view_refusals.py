@@ -119,6 +119,8 @@ def folder(tmp_path_factory):
 
 
 COMMANDS = [
+    ("report . --width 85", '--width: got "85"; must be 60mm to 500mm, such as 85mm'),
+    ("report . --width 20mm", '--width: got "20mm"; must be 60mm to 500mm'),
     ("film . --fps nan", "--fps: got nan; must be 1 to 120"),
     ("film . --fps 60 --to x.gif", "--fps: got 60; must be 1 to 50"),
     ("film . --speed 0", "--speed: got 0; must be 0.0001 to 10000"),

@@ -15,11 +15,12 @@ from crinoid.analysis.model_files import FORMATS
 from crinoid.analysis.sampled_plant import GROWS, System
 from crinoid.assembly.linear import SHARE
 from crinoid.foundation.atomic_file import FilePath, atomic_write
+from crinoid.foundation.face import Faced, cut_list, titled, with_units
 from crinoid.foundation.version import __version__
 from crinoid.numerics.signals_and_systems import Reduced, balanced_by_reach
 from crinoid.results.dataset import described
 from crinoid.scenario import one_of, refusal
-from crinoid.scenario.errors import got
+from crinoid.scenario.errors import counted, got
 
 if TYPE_CHECKING:
     import control
@@ -33,10 +34,12 @@ _GRID, _LOWEST = 600, 1e-4
 """Number of frequencies of that, and the lowest one over the highest."""
 _ROUND_OFF = 1e-12
 """Hankel singular value, over the largest, below which it is round-off."""
+SWINGS = 1e-2
+"""Share of the imaginary part of a pole above which a motion swings."""
 
 
-@dataclass(frozen=True)
-class StateSpaceModel:
+@dataclass(frozen=True, repr=False)
+class StateSpaceModel(Faced):
     """Linear model in discrete time: ``x' = A x + B u``, ``y = C x + D u``.
 
     States ``x``, inputs ``u`` and outputs ``y`` are deviations from the operating point. ``x'`` are
@@ -84,6 +87,23 @@ class StateSpaceModel:
         values, lasting = found.hankel, system.A.shape[0] - found.hankel.size
         scaled = {"output_scales": scales, "hankel": values, "lasting": lasting}
         return StateSpaceModel(**system._asdict(), **others, **scaled)
+
+    def _face(self) -> tuple[str, dict[str, str]]:
+        return titled("Linear model", self.title, self.words), {
+            "states": cut_list(with_units(self.states, self.state_units)),
+            "inputs": cut_list(with_units(self.inputs, self.input_units)),
+            "outputs": cut_list(with_units(self.outputs, self.output_units)),
+            "poles": cut_list(dict.fromkeys(map(_pole, self.poles[self.poles.imag >= 0]))),
+            "reduced": f"error bound {self.error_bound:.3g}" if self.error_bound else "",
+        }
+
+    @property
+    def words(self) -> str:
+        """Number of states, period, stability and current, in words."""
+        current = ", ".join(f"{part + 0.0:.3g}" for part in self.current)
+        stable = "stable" if self.stable else "unstable"
+        states = counted(self.order, "state")
+        return f"{states} over {self.period:g} s, {stable}, in water of {current} m/s"
 
     @property
     def order(self) -> int:
@@ -204,6 +224,14 @@ class StateSpaceModel:
         values["stable"] = self.stable
         with atomic_write(path) as temporary:
             write(temporary, values)
+
+
+def _pole(pole: complex) -> str:
+    """Return a pole in words, such as ``0.38 Hz (damping 0.05)``."""
+    if pole.imag > SWINGS * abs(pole):
+        damping = -pole.real / abs(pole)
+        return f"{pole.imag / (2 * np.pi):.3g} Hz (damping {damping:.2g})"
+    return f"fades in {-1 / pole.real:.2g} s" if pole.real < 0 else f"{pole.real:.2g} 1/s"
 
 
 def _balanced(

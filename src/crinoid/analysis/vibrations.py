@@ -116,7 +116,7 @@ def find_vibrations(
     if not found:
         return None, trouble
     dataset = _dataset(prepared, found)
-    found_notes = [*prepared.notes(), *_notes(scenario, dataset)]
+    found_notes = [*prepared.notes(), *_notes(scenario, dataset), *_unsettled(found)]
     dataset.attrs |= {"status": trouble or Status.OK.value, "notes": "\n".join(found_notes)}
     return dataset, trouble
 
@@ -236,6 +236,17 @@ def _bending(
     axes, shape = edges.shape[1], vibration.modes.shape
     spin = shape[:, 1:, axes] if axes == 3 else None
     return bending(shape[..., :axes], spin, tangent, diameter)
+
+
+def _unsettled(found: dict[str, Vibration]) -> list[str]:
+    """Return which modes are left out, a sentence for each medium."""
+    notes = []
+    for medium, vibration in found.items():
+        if left := np.flatnonzero(np.isnan(vibration.modes.frequency)).tolist():
+            modes = f"mode{'s' * (len(left) > 1)} {', '.join(str(index + 1) for index in left)}"
+            why = "the material damps so strongly that no rate settles"
+            notes.append(f"{_in(medium)} {modes} left out: {why}")
+    return notes
 
 
 def _notes(scenario: Scenario, dataset: xr.Dataset) -> list[str]:

@@ -24,12 +24,14 @@ from crinoid.assembly.bodies import ToolParameters, VehicleParameters
 from crinoid.assembly.door import build_part
 from crinoid.assembly.far_contacts import HullParameters, SelfContactParameters
 from crinoid.assembly.obstacles import ObstacleParameters
+from crinoid.assembly.parameter_rows import parameter_rows
 from crinoid.assembly.threads import ThreadParameters
 from crinoid.dynamics import Integrator
 from crinoid.elements import Oscillator, Synchronisation, Vortices, WakeOscillator
 from crinoid.elements.material import branches_of_loss_factor
 from crinoid.elements.water import cylinder_added_mass
 from crinoid.flow import Flow, Waves
+from crinoid.foundation.face import Faced, cut_list
 from crinoid.rod import Rod
 from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 
@@ -263,7 +265,7 @@ class SimulationParameters(eqx.Module):
         )
 
 
-class Parameters(eqx.Module):
+class Parameters(Faced, eqx.Module):
     """All numbers that a `crinoid.System` is assembled from, and the gains; a pytree of arrays.
 
     The result of `crinoid.parameters`, and the argument of `crinoid.assemble`. A changed number
@@ -287,6 +289,15 @@ class Parameters(eqx.Module):
     pid: PidParameters
     simulation: SimulationParameters
     load_builders: tuple[Builder, ...] = eqx.field(static=True)
+
+    def _face(self) -> tuple[str, dict[str, str]]:
+        tables: dict[str, list[str]] = {}
+        for table, name, value in parameter_rows(self):
+            tables.setdefault(table, []).append(f"{name} {value}")
+        count = sum(np.size(leaf) for leaf in jax.tree.leaves(self))
+        place = "in space" if self.arm.dimension == 3 else "in the plane"
+        title = f"Parameters of an arm {place} of {self.arm.nodes} nodes: {count} numbers"
+        return title, {table: cut_list(parts) for table, parts in tables.items()}
 
     @staticmethod
     def of(

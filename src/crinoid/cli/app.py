@@ -6,10 +6,12 @@ from typing import Annotated
 import typer
 
 from crinoid.cli.command import stop
-from crinoid.cli.commands import COMMANDS
+from crinoid.cli.commands import COMMANDS, GROUPS
+from crinoid.cli.program import Program
 
 app = typer.Typer(
     name="crinoid",
+    cls=Program,
     help="Simulate and control a soft robotic arm in moving water.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -34,8 +36,9 @@ def _moved(name: str, program: str) -> Callable[[], None]:
     return lambda: stop(f"{name}: not in the package. In a clone of crinoid, run: {program}")
 
 
-for command in COMMANDS:
-    command.add_to(app)
+_group_of = {name: group for group, names in GROUPS.items() for name in names}
+for command in sorted(COMMANDS, key=lambda each: [*_group_of].index(each.name)):
+    command.add_to(app, _group_of[command.name])
 _MOVED = {"validate": "python -m validation", "bench": "python -m benchmarks"}
 """Former commands, and the programs of the repository in their place."""
 for name, program in _MOVED.items():

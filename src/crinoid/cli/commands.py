@@ -1,10 +1,11 @@
 """All commands: options, defaults and help. Nothing here loads JAX, or the body of a command."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 from crinoid.cli.command import complete_name
-from crinoid.cli.declaration import Command, Option, must, out, resume
+from crinoid.cli.declaration import FILES, Command, Option, must, out, resume
 
 DEFAULT = "station-keeping"
 """Scenario of `crinoid run` without one."""
@@ -19,7 +20,10 @@ _SET = Option(
     name="settings",
 )
 _FORCE = Option(
-    "--force", False, "Replace the finished result of another scenario, or files of others."
+    "--force",
+    False,
+    "Replace the finished result of another scenario, or files of others.",
+    group=FILES,
 )
 _RESULT = Option("RESULT", Path, "A folder that `crinoid run` wrote.")
 _POSITIVE = must("be at least 1", lambda value: value >= 1)
@@ -27,7 +31,11 @@ _POSITIVE = must("be at least 1", lambda value: value >= 1)
 
 def _measured(text: str) -> Option:
     def missing(path: Path) -> str:
-        return "" if path.exists() else f"{path}: no such file"
+        if not path.exists():
+            return f"{path}: no such file"
+        if path.suffix != ".toml" or re.search("^\\W*experiment", path.read_text("utf-8"), re.M):
+            return ""
+        return f"got {path}, a scenario; must be a record of measurements"
 
     return Option("RECORD", Path, f"What was measured: {text}", False, check=missing)
 
@@ -142,8 +150,12 @@ COMMANDS = (
     Command("report", "crinoid.cli.result_commands:report",
         "Draw the figures of a result, and write its page.",
         _RESULT,
-        Option("--format FORMAT", "png", "Format of the figures: png, pdf or svg.",
+        Option("--format FORMAT", "png",
+            "Format of the figures: png, svg or pdf, which without --width is one document.",
             name="file_format"),
+        Option("--width WIDTH", str,
+            "Width of figures for a paper, without titles: 85mm, 8.5cm or 3.4in.",
+            "for the screen"),
         out("next to the result"), interrupted="interrupted"),
     Command("export", "crinoid.cli.result_commands:export",
         "Write a result for ParaView (vtkhdf), spreadsheets (csv, xlsx), Blender (gltf), ROS 2 "
@@ -220,3 +232,12 @@ COMMANDS = (
         _SET, out("results/SCENARIO-train"), resume("training"), _FORCE),
 )
 # fmt: on
+GROUPS = {
+    "Run": ("run", "live", "equilibrium"),
+    "Analyse": ("modes", "margins", "linearise"),
+    "Study and design": ("compare", "sweep", "tune", "optimise", "train"),
+    "Records of the sea and of experiments": ("flow", "identify", "estimate"),
+    "Results": ("report", "film", "export"),
+    "Scenarios and installation": ("scenarios", "doctor"),
+}
+"""Names of commands, as help groups them."""

@@ -13,6 +13,10 @@ import typer
 
 from crinoid.cli.command import complete_key, end, folder_for, load_text, one_line_errors, stop
 from crinoid.cli.interruption import Loading
+from crinoid.cli.program import Call
+
+FILES = "Folder of the result"
+"""Group of options."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,8 @@ class Option:
     parser: Callable[[str], Any] | None = None
     read_as: str = ""
     """What the body receives in place of the name of a scenario: `"scenario"` or `"text"`."""
+    group: str | None = None
+    """Group in the help."""
 
     @property
     def flag(self) -> str:
@@ -60,7 +66,9 @@ class Option:
         look: dict[str, Any] = {"help": self.text, "show_default": self.default}
         look["autocompletion"] = complete
         declared: Any = (
-            typer.Option(first, metavar=value or None, parser=self.parser, **look)
+            typer.Option(
+                first, metavar=value or None, parser=self.parser, rich_help_panel=self.group, **look
+            )
             if named
             else typer.Argument(metavar=self.shown, **look)
         )
@@ -87,12 +95,13 @@ def out(folder: str) -> Option:
     def named(name: str) -> Path:
         return Path(name) if name else stop("--out: got an empty name; must be a folder")
 
-    return Option("--out DIR", Path, "Where to write.", folder, parser=named)
+    return Option("--out DIR", Path, "Where to write.", folder, parser=named, group=FILES)
 
 
 def resume(what: str) -> Option:
     """Return the option that continues an interrupted run, sweep or training."""
-    return Option("--resume", False, f"Go on from where an interrupted {what} stopped.")
+    text = f"Go on from where an interrupted {what} stopped."
+    return Option("--resume", False, text, group=FILES)
 
 
 class Command:
@@ -125,8 +134,8 @@ class Command:
             found = getattr(import_module(module), function)
         return found
 
-    def add_to(self, app: typer.Typer) -> None:
-        """Add it to a program."""
+    def add_to(self, app: typer.Typer, group: str | None = None) -> None:
+        """Add it to a program, whose help lists it in a group."""
 
         def call(**values: Any) -> None:
             with one_line_errors(self.interrupted):
@@ -136,7 +145,7 @@ class Command:
         parameters = [each.parameter for each in self.options]
         call.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
         call.__annotations__ = {each.name: each.annotation for each in parameters}
-        app.command(self.name, help=self.text)(call)
+        app.command(self.name, cls=Call, help=self.text, rich_help_panel=group)(call)
 
     def call(self, values: dict[str, Any]) -> str | tuple[str, int] | None:
         """Check the values, read the scenario, and call the body."""

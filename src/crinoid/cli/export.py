@@ -8,7 +8,7 @@ from crinoid.cli.command import folder_for, load_scenario
 from crinoid.cli.interruption import Loading
 from crinoid.scenario.errors import got, refusal
 from crinoid.view.export import write_export
-from crinoid.view.export.formats import format_for, writer_of
+from crinoid.view.export.formats import format_for, place_of, writer_of
 from crinoid.view.refusals import require_path
 
 
@@ -24,7 +24,7 @@ def export_result(
 ) -> None:
     """Export a result or a policy, and report omissions."""
     form = format_for(kind, {"--variables": variables, "--nodes": nodes, "--instants": instants})
-    if out is not None and out.exists() and not out.is_dir():
+    if out is not None and place_of(out, form, "")[0].is_file():
         raise refusal("--out", f"{out} is a file; must be a folder")
     names = None if variables is None else [part.strip() for part in variables.split(",")]
     try:
@@ -39,10 +39,11 @@ def export_result(
         from crinoid.view.export.source import find_source
 
     path = find_source(result, form)
-    folder = path.parent if out is None else out
+    place = path.parent if out is None else out
+    folder, stem = place_of(place, form, path.stem)
     with claimed(folder):
         for ending in () if force else form.endings:
-            check_own(folder / f"{path.stem}{ending}")
+            check_own(folder / f"{stem}{ending}")
         with progress_bar() as bar:
             task = bar.task_ids[0]
             bar.update(task, description="reading")
@@ -54,7 +55,7 @@ def export_result(
                 )
 
             options: dict[str, Any] = {"variables": names, "nodes": numbers, "instants": instants}
-            written = write_export(path, folder, kind, report=report, **options)
+            written = write_export(path, place, kind, report=report, **options)
     say_notes(written.notes)
     say_written(written.files)
 
@@ -69,8 +70,10 @@ def export_scenario(
 ) -> None:
     """Export a scenario as an FMU; options of results must be ``unused``."""
     form = format_for("fmu", unused)
-    scenario, folder = load_scenario(name, settings), folder_for(out, name, settings=settings)
-    stem = Path(name).stem
+    scenario, stem = load_scenario(name, settings), Path(name).stem
+    if out is not None:
+        out, stem = place_of(out, form, stem)
+    folder = folder_for(out, name, settings=settings)
     with Loading():
         from crinoid.cli.display import say_written
         from crinoid.cli.folder import check_own, claimed

@@ -8,16 +8,15 @@ from rich.table import Table
 from crinoid.analysis.linearisation import find_state_space
 from crinoid.analysis.model_files import FORMATS
 from crinoid.analysis.sampled_plant import GROWS
-from crinoid.analysis.state_space import RESPONSE, StateSpaceModel
+from crinoid.analysis.state_space import RESPONSE, SWINGS, StateSpaceModel
 from crinoid.cli.command import console
 from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own, clear_own
+from crinoid.foundation.face import with_units
 from crinoid.scenario import Scenario, ScenarioError, refusal
 
 _MOST_POLES = 8
-_SWINGS = 1e-2
-"""Share of the imaginary part of a pole above which a motion swings."""
 
 
 def show_linearisation(
@@ -45,12 +44,10 @@ def _reduced(full: StateSpaceModel, order: int) -> StateSpaceModel:
 
 
 def _lines(model: StateSpaceModel, full: StateSpaceModel) -> list[str]:
-    current = ", ".join(f"{part + 0.0:.3g}" for part in model.current)
-    stable = "stable" if model.stable else "unstable"
     lines = [
-        f"{model.order} states over {model.period:g} s, {stable}, in water of {current} m/s",
-        f"inputs: {_named(model.inputs, model.input_units)}",
-        f"outputs: {_named(model.outputs, model.output_units)}",
+        model.words,
+        f"inputs: {', '.join(with_units(model.inputs, model.input_units))}",
+        f"outputs: {', '.join(with_units(model.outputs, model.output_units))}",
     ]
     if model is not full:
         lines.append(f"error bound {model.error_bound:.3g} of {full.order} states, scaled")
@@ -59,15 +56,10 @@ def _lines(model: StateSpaceModel, full: StateSpaceModel) -> list[str]:
     return lines
 
 
-def _named(names: tuple[str, ...], units: tuple[str, ...]) -> str:
-    each = zip(names, units, strict=True)
-    return ", ".join(name if unit == "1" else f"{name} ({unit})" for name, unit in each)
-
-
 def _poles_table(model: StateSpaceModel) -> Table:
     found: dict[tuple[str, str, str], None] = {}  # equal ones once
     for pole in model.poles[model.poles.imag >= 0]:
-        swings = pole.imag > _SWINGS * abs(pole)
+        swings = pole.imag > SWINGS * abs(pole)
         frequency = f"{pole.imag / (2 * np.pi):.4g}" if swings else "-"
         damping = f"{-pole.real / abs(pole):.3g}" if swings else "-"
         lasts = f"{-1 / pole.real:.3g}" if pole.real < 0 else "grows"

@@ -7,18 +7,20 @@ from crinoid.cli.command import stop
 from crinoid.cli.export import export_result, export_scenario
 from crinoid.cli.interruption import Interrupted, Interruption, Loading
 from crinoid.view.film.settings import CameraSettings, ending_of, size_of
-from crinoid.view.refusals import require_figures, require_path
+from crinoid.view.refusals import require_figures, require_path, width_of
 
 
-def report(result: Path, file_format: str, out: Path | None) -> None:
+def report(result: Path, file_format: str, width: str | None, out: Path | None) -> None:
     """Draw the figures of a result, and write its page."""
     require_figures(file_format)
+    if width is not None:
+        width_of(width)
     require_path(result)
     with Loading():
         from crinoid.cli.display import say_written
         from crinoid.view.figures import write_report
 
-    say_written(write_report(result, out, file_format=file_format))
+    say_written(write_report(result, out, file_format=file_format, width=width))
 
 
 def export(
@@ -37,9 +39,9 @@ def export(
 def film(result: Path, to: Path | None, size: str | None, *, force: bool, **others: Any) -> None:
     """Film a result; ``others`` are settings of the camera."""
     camera = CameraSettings(size=None if size is None else size_of(size), **others)
-    require_path(result)
     if to is not None:
         ending_of(to)
+    require_path(result)
     with Loading():
         from crinoid.cli.display import progress_bar, say_notes, say_written
         from crinoid.view.film.encode import NO_ENCODER, has_encoder

@@ -57,5 +57,5 @@ def _say(subject: str, last: float) -> None:
     # a worker leaves it to the sweep that started it
     if subject not in _said and multiprocessing.parent_process() is None:
         _said.add(subject)
-        before = f"; {last:.0f} s last time" if last else ""
+        before = f"; about {last:.0f} s" if last else "; usually 5 to 30 s"
         _LOGGER.warning(f"crinoid: compiling {subject} (once for this kind of arm{before})")

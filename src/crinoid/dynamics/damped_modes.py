@@ -49,6 +49,10 @@ class DampedModes(NamedTuple):
     node (rad per m).
     """
 
+    def rate(self, mode: int) -> complex:
+        """Return ``lambda`` of a mode (1/s)."""
+        return complex(-self.decay_rate[mode], 2 * np.pi * self.frequency[mode])
+
 
 class Relaxing(NamedTuple):
     """Maxwell branches in parallel with the elastic stiffness."""
@@ -77,20 +81,16 @@ def find_relaxing_modes(
     """Find the modes of a material with Maxwell branches, as `find_damped_modes` those without.
 
     Each mode has the stiffness and the damping that the branches have at its own rate, by
-    fixed-point iteration. Rates at which the material creeps are no modes.
+    fixed-point iteration. Rates at which the material creeps are no modes. A mode whose rate does
+    not settle, as one that the branches damp strongly may not, is NaN.
     """
     modes = find_damped_modes(stiffness, damping, mass, count, lines)
     if relaxing is None:
         return modes
     rows = [modes] * modes.frequency.size
     for index in range(len(rows)):
-        rate = np.inf + 0j
+        rate, tried = modes.rate(index), _Tried([], [])
         for _ in range(RATE_SOLVES):
-            row = rows[index]
-            before = rate
-            rate = complex(-row.decay_rate[index], 2 * np.pi * row.frequency[index])
-            if abs(rate - before) <= SETTLED_RATE * abs(rate):
-                break
             more, viscous = relaxing.acting(rate)
             rows[index] = find_damped_modes(
                 stiffness + more * relaxing.elastic,
@@ -99,11 +99,43 @@ def find_relaxing_modes(
                 count,
                 lines,
             )
+            found = rows[index].rate(index)
+            if abs(found - rate) <= SETTLED_RATE * abs(found):
+                break
+            rate = tried.following(rate, found)
         else:
-            raise ModesError(f"the frequency of mode {index + 1} does not settle")
+            rows[index] = DampedModes(*(np.full_like(each, np.nan) for each in modes))
+    if np.isnan([row.frequency[index] for index, row in enumerate(rows)]).all():
+        raise ModesError("the rate of no mode settles")
     return DampedModes(
         *(np.stack([f[i] for i, f in enumerate(each)]) for each in zip(*rows, strict=True))
     )
+
+
+class _Tried(NamedTuple):
+    """Rates that were tried in a fixed-point iteration, and the rates that each gave."""
+
+    given: list[complex]
+    found: list[complex]
+
+    def following(self, given: complex, found: complex) -> complex:
+        """Return the rate to try next, by the secant method in the plane of complex numbers.
+
+        Anderson acceleration of depth 2 (Walker and Ni 2011, SIAM Journal on Numerical Analysis
+        49); the rate that was found where some of the last ones oscillate and others do not.
+        """
+        self.given.append(given)
+        self.found.append(found)
+        swings = {x.imag > 0 for x in (*self.given[-3:], *self.found[-3:])}
+        if len(self.given) < 3 or len(swings) > 1:
+            return found
+        ahead = np.array(self.found[-3:])
+        change = ahead - np.array(self.given[-3:])
+        steps = np.array([np.diff(change).real, np.diff(change).imag])
+        share = np.linalg.lstsq(steps, [change[-1].real, change[-1].imag])[0]
+        rate = complex(found - np.diff(ahead) @ share)
+        near = abs(rate - found) <= abs(found)
+        return rate if near and (rate.imag > 0) in swings else found
 
 
 def find_damped_modes(
@@ -143,7 +175,8 @@ def find_damped_modes(
         basis, k, c = basis @ own, own.T @ k @ own, own.T @ c @ own
         n = k.shape[0]
         rates, vectors = eig(np.block([[np.zeros((n, n)), np.eye(n)], [-k, -c]]))
-        rates, vectors, own = _slow(rates, vectors[:n], k, round_off(K, M, pull, follow))
+        vectors = vectors[:n].astype(complex)  # real ones where no rate oscillates
+        rates, vectors, own = _slow(rates, vectors, k, round_off(K, M, pull, follow))
         shapes = _in_phase(rates, vectors, basis, size)[:, :count]
         rates, own = rates[:count], own[:count]
         if not whole:

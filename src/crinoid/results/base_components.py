@@ -6,12 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from crinoid.results.result import Result
-from crinoid.results.scene.data import base_word
-from crinoid.results.table import RunSummary
-from crinoid.results.units import Unit, largest, si_unit
-
-TITLE = "Loads on the base by component"
-_UNITS = {"force": "N", "moment": "N m"}
 
 
 class ComponentRange(NamedTuple):
@@ -41,7 +35,7 @@ def base_components(result: Result) -> ComponentRanges:
     A planar arm has ``force_x``, ``force_z`` and ``moment_y``, which is positive from z toward x.
     """
     data, found = result.dataset, ComponentRanges()
-    for load in _UNITS:
+    for load in ("force", "moment"):
         values = data[f"base_{load}"].values
         if values.ndim == 1:
             found[f"{load}_y"] = _range(data["time"].values, 0.0 - values)
@@ -51,28 +45,6 @@ def base_components(result: Result) -> ComponentRanges:
     return found
 
 
-def base_component_table(result: Result) -> RunSummary:
-    """Return the table `TITLE` of a run, in readable units."""
-    found, base = base_components(result), base_word(result.scenario)
-    rows = []
-    for load, symbol in _UNITS.items():
-        ranges = {name: each for name, each in found.items() if name.startswith(load)}
-        unit = si_unit(
-            largest(np.array([(each.min, each.max) for each in ranges.values()])), symbol
-        )
-        way = "along" if load == "force" else "about"
-        rows += [
-            [f"{load} on {base} {way} {name[-1]}", *_cells(each, unit)]
-            for name, each in ranges.items()
-        ]
-    return RunSummary(["", "least", "when", "greatest", "when"], rows)
-
-
 def _range(time: Float[np.ndarray, " time"], values: Float[np.ndarray, " time"]) -> ComponentRange:
     least, greatest = int(np.argmin(values)), int(np.argmax(values))
     return ComponentRange(values[least], time[least], values[greatest], time[greatest])
-
-
-def _cells(each: ComponentRange, unit: Unit) -> list[str]:
-    least, greatest = unit.text(each.min), unit.text(each.max)
-    return [least, f"{each.min_time:.4g} s", greatest, f"{each.max_time:.4g} s"]

@@ -8,6 +8,8 @@ import xarray as xr
 
 from crinoid.results.metrics import MEASURES, own_words
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
+from crinoid.scenario.kinds import unit_at
+from crinoid.scenario.scenario import scenario_schema
 
 _PREFIXED = ("s", "N", "N m", "J")
 _MAIN = (
@@ -49,6 +51,13 @@ def main_measures(names: Iterable[str]) -> list[str]:
     known = list(names)
     own = [name for name in known if name not in MEASURES]
     return [*(name for name in _MAIN if name in known), *own]
+
+
+def key_label(key: str) -> str:
+    """Return words for a key of a scenario, with its unit, as at an axis."""
+    words = key.removeprefix("control.").replace(".", " ").replace("_", " ")
+    unit = plain_unit(unit_at(scenario_schema(), key))
+    return f"{words} ({unit})" if unit else words
 
 
 def unit_of(about: Mapping[str, Any], magnitude: float) -> Unit:

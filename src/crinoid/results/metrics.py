@@ -205,7 +205,8 @@ MEASURES = {
     "contact_time": Measure(
         "s", "contact time", "longest time in contact with an obstacle", "loads:contact.time"),
     "max_contact_force": Measure(
-        "N", "largest contact force", "largest force of an obstacle", "loads:contact.force"),
+        "N", "largest contact force", "largest force of an obstacle at the saved instants",
+        "loads:contact.force"),
     "min_gap": Measure(
         "m", "smallest gap", "smallest distance of an obstacle from the arm's surface",
         "loads:contact.gap"),

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from crinoid.foundation.atomic_file import FilePath, atomic_write
+from crinoid.foundation.face import Faced
 from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
@@ -51,7 +52,7 @@ class ResultError(ValueError):
     """A file without a result, or with one that cannot be resumed."""
 
 
-class Result:
+class Result(Faced):
     """A run: its data, how it ended, and the same case without control if that was run too.
 
     Parameters
@@ -195,8 +196,13 @@ class Result:
 
         return Plots(self)
 
+    def _face(self) -> tuple[str, dict[str, str]]:
+        from crinoid.results.face import face_of
+
+        return face_of(self)
+
     def _repr_html_(self) -> str:
-        """Return it as notebooks show it: its numbers, and a small animation."""
+        """Return it as notebooks show it: a small animation, and its numbers."""
         from crinoid.view.notebook import html_of
 
         return html_of(self)

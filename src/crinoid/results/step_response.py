@@ -125,6 +125,8 @@ def _numbers(time: Times, share: Times, off: Times) -> StepResponse:
 def _of_target(result: Result) -> list[_Change]:
     """Return the changes of the position of the target, or else of its direction."""
     data, scenario = result.dataset, result.scenario
+    if "tip_target" not in data:
+        return []
     named, dimension = scenario.control.controlled, scenario.arm.dimension
     axes = [index for index, axis in enumerate(AXES[dimension]) if axis in named]
     seen, aim = (data[f"tip_{each}"].values[:, axes] for each in ("position", "target"))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crinoid.foundation.axes import ANGLES, CHANNELS
+from crinoid.results.base_components import ComponentRanges
 from crinoid.results.effort import input_use, solver_use
 from crinoid.results.errors import TipError, error_word
 from crinoid.results.loads import ContactExtremes
@@ -190,6 +191,8 @@ class _Table(NamedTuple):
             for kind, label in _LOADS.items() if self.full else [("max", _LOADS["max"])]:
                 words = label.format(load, base)
                 self.add_measure(f"{kind}_base_{load}", words, unit, nothing=_NOTHING)
+            if self.full:
+                self._add_components(load, base, unit)
         for name, words, unit, nothing in (
             ("max_strain", "largest surface strain", SHARE, _NOTHING),
             ("max_curvature", "largest curvature", self.unit("max_curvature"), _NOTHING / length),
@@ -203,6 +206,16 @@ class _Table(NamedTuple):
         if self.full and (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
             self.add_measure("curvature_cycles", "cycles of curvature")
             self.add_measure("equivalent_curvature_range", nothing=0.0)
+
+    def _add_components(self, load: str, base: str, unit: Unit) -> None:
+        """Add the least and the greatest value of each component of a load, with their times."""
+        way = "along" if load == "force" else "about"
+        found: list[ComponentRanges] = self.found("base_components:base_components")
+        for name in filter(lambda name: name.startswith(load), found[0]):
+            for end, word in (("min", "least"), ("max", "greatest")):
+                at = ((getattr(each[name], k) for k in (end, f"{end}_time")) for each in found)
+                cells = [f"{unit.text(value)} at {time:.4g} s" for value, time in at]
+                self.rows.append([f"{load} on {base} {way} {name[-1]}, {word}", *cells])
 
     def add_vehicle(self) -> None:
         """Add the motion of a floating submarine, and the use of its thrusters."""

@@ -46,6 +46,16 @@ def length_unit(magnitude: float) -> Unit:
     return Unit(1e3, "mm") if magnitude >= 5e-4 or magnitude == 0.0 else Unit(1e6, "µm")
 
 
+_ROUND_OFF = 1e-6  # share of the arm's length
+
+
+def without_round_off(
+    lengths: Float[np.ndarray, "*shape"], arm: float
+) -> Float[np.ndarray, "*shape"]:
+    """Return lengths with zeros in place of those that are round-off beside an arm's length."""
+    return np.where(np.abs(lengths) < _ROUND_OFF * arm, 0.0, lengths)
+
+
 def length_text(length: float) -> str:
     """Write a length in SI with three digits, in the unit to read it in; "-" for none."""
     return "-" if math.isnan(length) else length_unit(length).text(length)

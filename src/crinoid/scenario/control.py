@@ -121,7 +121,8 @@ class Control(Model):
         if len(set(self.controlled)) < len(self.controlled):
             yield self.mistake("controlled", "have each coordinate once")
         if self.kind == "pid" and not self.pid.present:
-            hint = "Add control.pid.slide.kp and base.channels.slide."
+            hint = "Add control.pid.slide.kp and base.channels.slide, or control.pid.NAME.kp with "
+            hint += "the name of a chamber or tendon."
             yield Mistake("pid", missing('have gains of an input with kind = "pid"', hint))
         if self.kind == "neural" and self.neural.weights is None:
             text = missing('be a file of crinoid train with kind = "neural"')

@@ -13,13 +13,24 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from crinoid.scenario.dataset_file import as_file
-from crinoid.scenario.errors import got, refusal, shown
+from crinoid.scenario.errors import got, one_of, refusal, shown
 from crinoid.scenario.quantity import Quantity
 
 _KEYS = ("file", "weights")
 """Keys that name a file."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.,=+-]+")
 """Characters of a name that a shell or a file system may treat in some other way."""
+_REMEDIES = (
+    (r"[^=]*=\s*[-+\d.eE]+\s*[^\W\d]", "Write the number only, in the unit of the key."),
+    (r"[^=]*=\s*[-+]?\d+,\d", "Write a point in a number, not a comma."),
+    (r"[^=]*=\s*[-+]?\.\d", "Write 0 before the point."),
+    (r"[^=]*=\s*(True|False)", "Write true or false in small letters."),
+    (r"[^=]*=\s*\(", "Write a list in [ ]."),
+    (r"[^=]*=\s*[^\W\d]", "Write text in quotes."),
+    (r"\s*[\w.]+\s*:", "Write = between a key and its value."),
+    (r"\s*\[\w+\]", "Write [[ ]] around the name of each of several tables."),
+)
+"""Lines that are not valid TOML, and how to mend them."""
 _LONGEST = 72
 """Characters of a name of changes."""
 
@@ -102,6 +113,9 @@ def parse(text: str) -> dict[str, Any]:
         lines = text.split("\n")
         end = f"(at line {len(lines)}, column {len(lines[-1]) + 1})"
         reason = str(error).replace("(at end of document)", end)
+        line = lines[int(at[1]) - 1] if (at := re.search(r"at line (\d+)", reason)) else ""
+        hints = (hint for pattern, hint in _REMEDIES if re.match(pattern, line))
+        reason += f": {line.strip()[:60]}. {next(hints, '')}".rstrip() if line.strip() else ""
     raise refusal("", f"not valid TOML: {reason}")
 
 
@@ -144,22 +158,27 @@ def _word(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value).removesuffix(".0")
 
 
-def assign(document: dict[str, Any], key: str, value: Any) -> None:
-    """Set a dotted key of a document, in place; missing tables are created.
+def assign(document: dict[str, Any], key: str, value: Any) -> tuple[Any, ...]:
+    """Set a dotted key of a document, in place, and return its parts; missing tables are created.
 
-    A number is an index into a list; the index after the last one adds an entry.
+    A number is an index into a list, and the index after the last one adds an entry. The ``name``
+    of a table in a list is its index too: ``chamber.left.area``.
     """
     *outer, last = _parts(key)
     table: Any = document
+    found: list[Any] = []
     for depth, part in enumerate(outer):
         index = _index(table, part, key, outer[:depth])
+        found.append(index)
         entry = table.get(index) if isinstance(table, dict) else table[index]
         if entry is None:
             following = [*outer, last][depth + 1]
             entry = table[index] = [] if following.isdecimal() else {}
         table = entry
     # a later key may change a part of a table that was given here
-    table[_index(table, last, key, outer)] = deepcopy(value)
+    index = _index(table, last, key, outer)
+    table[index] = deepcopy(value)
+    return *found, index
 
 
 def value_of(text: str) -> Any:
@@ -175,8 +194,9 @@ def value_at(document: dict[str, Any], key: str) -> Any:
     """Return the value at a dotted key of a document, or None without one."""
     found: Any = document
     for part in _parts(key):
-        if isinstance(found, list) and part.isdecimal() and int(part) < len(found):
-            found = found[int(part)]
+        if isinstance(found, list):
+            part = str(_names(found).get(part, part))
+            found = found[int(part)] if part.isdecimal() and int(part) < len(found) else None
         elif isinstance(found, dict):
             found = found.get(part)
         else:
@@ -191,13 +211,22 @@ def _index(table: Any, part: str, key: str, outer: list[str]) -> Any:
         return part
     if not isinstance(table, list):
         raise refusal(key, f"unknown key; {here} is {shown(table)} and not a table")
+    names = _names(table)
+    if part in names:
+        return names[part]
     if not part.isdecimal() or len(part) > 9 or int(part) > len(table):
-        text = f"unknown key; must be an index into {here} from 0 to {len(table)}. "
-        text += f"Use {len(table)} to add an entry."
-        raise refusal(key, text)
+        text = f"unknown key; must be an index into {here} from 0 to {len(table)}"
+        text += f", or {one_of(names)}" if names else ""
+        raise refusal(key, f"{text}. Use {len(table)} to add an entry.")
     if int(part) == len(table):
         table.append(None)
     return int(part)
+
+
+def _names(tables: list[Any]) -> dict[str, int]:
+    """Return the indices of the tables in a list that have a name."""
+    named = [each.get("name") if isinstance(each, dict) else None for each in tables]
+    return {name: index for index, name in enumerate(named) if isinstance(name, str)}
 
 
 def _parts(key: str) -> list[str]:

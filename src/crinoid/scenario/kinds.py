@@ -33,10 +33,20 @@ def all_keys(schema: Schema) -> dict[str, bool]:
 
 def unit_at(schema: Schema, key: str) -> str:
     """Return the unit of a dotted key, in the schema of all tables; empty without one."""
-    first = ".".join("0" if part.isdecimal() else part for part in key.split("."))
-    names = {first, first.removesuffix(".0")}  # one component of a vector
-    keys = _below("", schema, schema["$defs"])
-    return next(filter(None, (unit_of(entry) for name, entry in keys if name in names)), "")
+    table, *parts = ("0" if part.isdecimal() else part for part in key.split("."))
+    if parts and any(index for index, _ in _tables(schema["properties"].get(table, {}))):
+        parts[0] = "0"  # in place of a name
+    first, units = ".".join([table, *parts]), units_of(schema)
+    return units.get(first) or units.get(first.removesuffix(".0"), "")  # or of a vector
+
+
+def units_of(schema: Schema) -> dict[str, str]:
+    """Return the unit of each dotted key that has one; lists of tables have their first index."""
+    found: dict[str, str] = {}
+    for key, entry in _below("", schema, schema["$defs"]):
+        if unit := unit_of(entry):
+            found.setdefault(key, unit)
+    return found
 
 
 def _below(prefix: str, table: Schema, definitions: Schema) -> Iterator[tuple[str, Schema]]:

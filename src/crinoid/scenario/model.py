@@ -190,7 +190,7 @@ def _words(schema: Schema) -> str:
             tables = "$ref" in items or "oneOf" in items
             return "a list of tables, each under [[ ]]" if tables else "a list"
         case _:
-            return "a table"
+            return "a table, under single [ ]"
 
 
 def _bounds(schema: Schema) -> str:

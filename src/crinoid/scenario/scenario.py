@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
+from itertools import combinations
 from math import prod
 from typing import Any
 
 import tomli_w
 
+from crinoid.foundation.face import Faced
 from crinoid.scenario.actuator import Actuator, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
@@ -17,7 +19,8 @@ from crinoid.scenario.consistency import RULES
 from crinoid.scenario.contact import SelfContact
 from crinoid.scenario.control import Control
 from crinoid.scenario.document import assign, parse, without_empty
-from crinoid.scenario.errors import Mistake, ScenarioError
+from crinoid.scenario.errors import Mistake, ScenarioError, refusal
+from crinoid.scenario.face import face_of
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.kinds import with_places
 from crinoid.scenario.load import Load
@@ -44,7 +47,7 @@ _DIMENSION = {"arm", "arm.dimension"}
 """Keys that set the dimension."""
 
 
-class Scenario(Model):
+class Scenario(Faced, Model):
     """Description of an arm, the water around it, the loads on it and its target.
 
     Parameters
@@ -115,6 +118,9 @@ class Scenario(Model):
         """Set the defaults that follow `arm.dimension`, and refuse tables that conflict."""
         self.__dict__.update(dimension_defaults(self, self.arm.dimension))
         super().model_post_init(context)
+
+    def _face(self) -> tuple[str, dict[str, str]]:
+        return face_of(self)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scenario:
@@ -210,8 +216,10 @@ class Scenario(Model):
         """
         # defaults still follow the dimension, except those that change in part
         document = self._tables(lambda key: not any(part.startswith(f"{key}.") for part in values))
-        for key, value in values.items():
-            assign(document, key, value)
+        places = {key: assign(document, key, value) for key, value in values.items()}
+        for key, other in combinations(places, 2):
+            if places[key] == places[other]:
+                raise refusal(other, f"got {key} too, which is the same; must name it once")
         return Scenario(**document)
 
     def _tables(self, left_open: Callable[[str], bool]) -> dict[str, Any]:

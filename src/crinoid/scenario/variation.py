@@ -1,6 +1,7 @@
 """Variations: lists and ranges of values, and their combinations."""
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -13,6 +14,8 @@ from crinoid.scenario.quantity import Quantity
 
 _FORMS = "be FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas between them"
 _LOG = "log"
+_TWO_ENDS = re.compile(r"([\d.e]*\d)(?: *- *| *\.\. *| +to +| +)(\d[\d.e-]*)")
+"""A range in another form."""
 
 _Values = Annotated[list[Any], Field(min_length=1), Quantity(expects="a list of one value or more")]
 Variations = Annotated[
@@ -103,6 +106,8 @@ def read_variation(text: str) -> tuple[str, Span | list[Any]]:
     found = _split(values)
     if not all(found):
         raise _refusal(text, _FORMS)
+    if len(found) == 1 and (ends := _TWO_ENDS.fullmatch(found[0])):
+        raise refusal("--vary", got(text, _FORMS, f"Write {key}={ends[1]}:{ends[2]}:3."))
     return key, [value_of(each) for each in found]
 
 

@@ -20,8 +20,9 @@ from crinoid.control import Controller, ControllerInput
 from crinoid.control.controller import Command
 from crinoid.flow.flow import Everywhere
 from crinoid.foundation.axes import CHANNELS
+from crinoid.foundation.face import with_units
 from crinoid.numerics.ramp import Onset
-from crinoid.scenario import Scenario, got, one_of, refusal
+from crinoid.scenario import Scenario, counted, got, one_of, refusal
 from crinoid.simulation.loop import Loop
 
 __all__ = ["ExternalCommand", "ExternalSignals", "moved_channels"]
@@ -56,15 +57,17 @@ def checked_command(
         found = np.array(last)
         for name, value in command.items():
             if name not in names:
-                raise ValueError(f"command: {got(name, f'be {one_of(names)}')}")
+                add = f"Add a table base.channels.{name}." if name in CHANNELS[3] else ""
+                raise ValueError(f"command: {got(name, f'be {one_of(names)}', add)}")
             found[names.index(name)] = numbers(f"command.{name}", value, ())
-    else:
-        found = numbers("command", command, (len(names),))
-    for each, value in zip(inputs, found, strict=True):
-        if value and each.lower >= each.upper:
-            text = got(value, "be 0", f"base.channels has no {each.name}.")
-            raise ValueError(f"command.{each.name}: {text}")
-    return found
+        return found
+    return numbers("command", command, (len(names),), inputs_in_words(inputs))
+
+
+def inputs_in_words(inputs: Sequence[Input]) -> list[str]:
+    """Return names and units of inputs, such as ``tilt (rad)`` and ``chamber_0 (share)``."""
+    names, units = [each.name for each in inputs], [each.unit for each in inputs]
+    return with_units(names, units, "share")
 
 
 class ExternalCurrent(Everywhere):
@@ -267,8 +270,11 @@ def _last(base: Base, motions: Sequence[BaseMotion]) -> tuple[BaseMotion, ...]:
 _NUMBERS = ("_begin", "_velocity", "_acceleration", "_moved", "_times", "_values", "_rates")
 
 
-def numbers(key: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return finite numbers of a shape, or raise ValueError with one line."""
+def numbers(key: str, given: Any, shape: tuple[int, ...], words: Sequence[str] = ()) -> np.ndarray:
+    """Return finite numbers of a shape, or raise ValueError with one line.
+
+    ``words`` are names and units of the numbers of a vector.
+    """
     try:
         found = np.asarray(given)
     except ValueError:  # rows of several lengths
@@ -276,7 +282,11 @@ def numbers(key: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     if found.dtype.kind not in "iuf":
         raise ValueError(f"{key}: {got(given, 'be numbers')}")
     if found.shape != shape:
-        raise ValueError(f"{key}: got the shape {found.shape}; must be {shape}")
+        size, must = f"the shape {found.shape}", f"{shape}"
+        if words:
+            size = counted(found.size, "number") if found.ndim == 1 else size
+            must = f"{shape[-1]}: {', '.join(words)}"
+        raise ValueError(f"{key}: got {size}; must be {must}")
     if not np.isfinite(found).all():
         raise ValueError(f"{key}: {got(found.tolist(), 'be finite')}")
     return found.astype(float)

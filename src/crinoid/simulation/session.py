@@ -23,6 +23,7 @@ from crinoid.diagnostics.control_loop import loop_notes
 from crinoid.elements import Element
 from crinoid.flow import Flow
 from crinoid.foundation.atomic_file import FilePath
+from crinoid.foundation.face import Faced, cut_list, titled, with_units
 from crinoid.results.chunks import join
 from crinoid.results.dataset import chosen
 from crinoid.results.result import Result
@@ -35,6 +36,7 @@ from crinoid.simulation.external import (
     ExternalCommand,
     ExternalSignals,
     checked_command,
+    inputs_in_words,
 )
 from crinoid.simulation.lateness import Lateness
 from crinoid.simulation.loop import Loop, LoopState
@@ -43,11 +45,13 @@ from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import Sink, require_space, resume_state
 from crinoid.simulation.stepped_run import SteppedRun, alone
 
+_OF_INPUTS = ("feedforward", "command", "lower", "upper")
+"""Fields of what a controller sees that have a number for each input."""
 _ATTRIBUTE = "external"
 """Attribute of a result with the last values from outside, to continue from."""
 
 
-class Session(SteppedRun):
+class Session(Faced, SteppedRun):
     """A closed loop whose controller is your program: it steps from one command to the next.
 
     Sensors, noise, delay, servos, limits and target are those of a run of the scenario;
@@ -87,7 +91,7 @@ class Session(SteppedRun):
     >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "control.start=0"])
     >>> session = crinoid.Session(scenario)
     >>> [each.name for each in session.inputs]
-    ['slide', 'heave', 'tilt']
+    ['slide', 'tilt']
     >>> seen = session.step({"tilt": 0.1})  # rad
     >>> float(seen.time), seen.measured.shape
     (0.01, (3,))
@@ -131,8 +135,10 @@ class Session(SteppedRun):
         self._setup = setup = set_up(self._prepared)
         self.seen: ControllerInput
         """What a controller sees at the present instant; its arrays are NumPy's."""
-        self.inputs: tuple[Input, ...] = setup.loop.system.inputs
-        """The inputs that a command is for, in its order."""
+        every = setup.loop.system.inputs
+        self._rows = [row for row, each in enumerate(every) if each.lower < each.upper]
+        self.inputs: tuple[Input, ...] = tuple(every[row] for row in self._rows)
+        """The inputs that can move: those that a command is for, in its order."""
         step, stride = self.scenario.simulation.time_step, self.scenario.output_steps
         super().__init__(stride, math.ceil(1 / (step * stride * given.control_rate_hz)) + 1)
         self._start()
@@ -163,6 +169,18 @@ class Session(SteppedRun):
         if self.steps < self.scenario.simulation.steps:
             return ""
         return f"simulation.duration = {self.scenario.simulation.duration:g} s is over"
+
+    def _face(self) -> tuple[str, dict[str, str]]:
+        duration = self.scenario.simulation.duration
+        now = f"at {self.time:g} of {duration:g} s{f', {self.ended}' if self.ended else ''}"
+        each = f"every {self.period:g} s{', paced' if self.paced else ''}"
+        names, units = ([row[at] for row in self.loop.readings] for at in (0, 1))
+        return titled("Session", self.scenario.title, now), {
+            "inputs": cut_list(inputs_in_words(self.inputs)) or "none",
+            "readings": cut_list(with_units(names, units)),
+            "command": each,
+            "external": ", ".join(self._signals.kinds),
+        }
 
     def __enter__(self) -> Session:
         return self
@@ -225,7 +243,8 @@ class Session(SteppedRun):
         """
         if self.ended:
             raise RuntimeError(f"the session has ended: {self.ended}. Call reset().")
-        given, before = checked_command(command, self.inputs, self.state.command), self.time
+        given, before = np.array(self.state.command), self.time
+        given[self._rows] = checked_command(command, self.inputs, given[self._rows])
         if self._origin is None:
             if self.paced:  # a search for garbage among all of JAX would stop the loop for 0.2 s
                 gc.collect()
@@ -299,7 +318,9 @@ class Session(SteppedRun):
                 self._sink.append(some)
         found, _, following = _see(self.loop, self.state)
         self._next = int(following)
-        self.seen = jax.tree.map(np.asarray, found)
+        found = jax.tree.map(np.asarray, found)
+        own = {name: getattr(found, name)[self._rows] for name in _OF_INPUTS}
+        self.seen = replace(found, **own)
         self._spent += time.perf_counter() - started
         if self.failed is not None:
             raise SimulationError(self.result())

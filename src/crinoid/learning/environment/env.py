@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from crinoid.assembly.neural import Entry
 from crinoid.compilation import OFTEN, require_own_process
 from crinoid.dynamics import Outcome
+from crinoid.foundation.face import with_units
 from crinoid.foundation.status import Status
 from crinoid.learning.environment import TASKS
 from crinoid.learning.environment.draws import (
@@ -93,6 +94,7 @@ class ArmEnv(NamedBoxes, gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {**type(self).metadata, "render_fps": round(rate)}
         self.action_space, self.observation_space = program.action_space, program.observation_space
         self._advance = jax.jit(program.advance, compiler_options=OFTEN)
+        self._words = with_units(self.action_names, self.action_units, "share")
         self._idle = np.zeros(len(self._sampler.observables.driven))
         self._drawn: EpisodeDraw | None = None
         self._case: Arrays = []
@@ -153,7 +155,7 @@ class ArmEnv(NamedBoxes, gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if self._over:
             raise ResetNeeded("the episode is over, or none has started. Call reset().")
-        output = self._output(numbers("action", action, self._idle.shape), first=False)
+        output = self._output(numbers("action", action, self._idle.shape, self._words), first=False)
         ended = bool(output.failed or output.success)
         late = bool(output.over) and not ended
         self._over = ended or late

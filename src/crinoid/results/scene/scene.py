@@ -28,6 +28,7 @@ from crinoid.results.scene.data import (
 from crinoid.results.scene.mesh import at_nodes
 from crinoid.results.scene.mount import ArmMount, Path, find_mount
 from crinoid.results.scene.projection import left_of
+from crinoid.results.scene.threads import ThreadLine, find_threads
 from crinoid.scenario.errors import counted
 
 Places = Float[np.ndarray, "_ axis"]
@@ -113,6 +114,7 @@ _THICK = 0.04  # diameter of an arm whose result has none, of its length
 _DRAWN = (
     *("position", "velocity", "curvature", "tension", "tip_target", "flow_velocity", "tool_held"),
     *("base_servo", "base_pose", "channel_lower", "channel_upper", "vehicle_pose"),
+    *("actuator_state", "actuator_command"),
     *("obstacle_position", "obstacle_axis", "surface_point", "surface_facet", "facet_obstacle"),
 )
 
@@ -146,6 +148,9 @@ class Keyframes:
     water: WaterArrows | None
     tool: ToolBall | None
     held: Bool[np.ndarray, " time"]
+    threads: tuple[ThreadLine, ...] = ()
+    director: Float[np.ndarray, "time node axis=3"] | None = None
+    """Director m_1 of an arm in space that has chambers or tendons."""
 
     def travels(self, length: float) -> bool:
         """Whether the base moves so far that pictures of an arm of some length (m) follow it."""
@@ -205,7 +210,8 @@ def keyframes(
     records = data.sizes["time"]
     nodes = even_indices(data.sizes["node"], most_nodes or data.sizes["node"])
     at = even_indices(records, most or records)
-    there = [name for name in _DRAWN if name in data]
+    directed = ("director",) if "actuator_state" in data else ()
+    there = [name for name in (*_DRAWN, *directed) if name in data]
     chosen = join(list(chosen_pieces(data, there, at)))
     whole = shaped(chosen["position"].transpose("time", "node", "axis").values.astype(float))
     for name in there:
@@ -222,6 +228,9 @@ def keyframes(
         diameter = np.asarray(some["diameter"].values, float)
     fields = _fields(some, position, diameter, obstacles)
     fields = [replace(field, values=field.values[:, nodes]) for field in fields]
+    threads, director = tuple(find_threads(shown, nodes)), None
+    if threads and "director" in some:  # of the edges
+        director = some["director"].values[:, np.minimum(nodes, nodes[-1] - 1)]
     return Keyframes(
         label,
         records,
@@ -237,6 +246,8 @@ def keyframes(
         find_water(some, position, length),
         find_tool(shown),
         tool_held(some),
+        threads,
+        director,
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.results.report_error import ReportError
-from crinoid.view.export.formats import format_for, writer_of
+from crinoid.view.export.formats import format_for, place_of, writer_of
 
 __all__ = ["Written", "write_export"]
 
@@ -40,7 +40,8 @@ def write_export(
         A result's folder or file; with ``"onnx"`` a policy that ``crinoid train`` wrote, or its
         folder.
     folder
-        Folder to write into; the files have the name of the result or the policy.
+        Folder to write into; the files have the name of the result or the policy. A name with the
+        ending of the format is that of the file.
     to
         ``"csv"`` and ``"xlsx"`` are tables: a column for each part of a variable, a row for each
         instant. ``"vtkhdf"`` has the arm as a line with its variables, and rigid bodies as
@@ -73,8 +74,9 @@ def write_export(
     from crinoid.view.export.source import open_source
 
     source = open_source(Path(path), form, instants, variables, nodes)
-    files = [Path(folder) / f"{source.path.stem}{ending}" for ending in form.endings]
-    Path(folder).mkdir(parents=True, exist_ok=True)
+    place, stem = place_of(Path(folder), form, source.path.stem)
+    files = [place / f"{stem}{ending}" for ending in form.endings]
+    place.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         temporary = [stack.enter_context(atomic_write(file)) for file in files]
         notes = write(source, temporary, report)

@@ -66,6 +66,16 @@ def format_for(name: str, options: Mapping[str, object]) -> Format:
     return form
 
 
+def place_of(out: Path, form: Format, stem: str) -> tuple[Path, str]:
+    """Return folder and stem of the files: ``out`` is a folder, or ends like the first file."""
+    ending = form.endings[0]
+    if not out.is_dir() and out.suffix in (ending, *(each.endings[0] for each in FORMATS.values())):
+        if out.suffix != ending:
+            raise refusal("--out", got(out.name, f"be a folder, or a name that ends in {ending}"))
+        return out.parent, out.stem
+    return out, stem
+
+
 def writer_of(form: Format) -> Callable[..., Any]:
     """Load the writer of a format; a library that lacks is a `ReportError`."""
     module, _, function = form.writer.partition(":")

@@ -1,7 +1,9 @@
 """Workbook of a run: its measures, its variables over time, and their meanings."""
 
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import chain
 
 import xlsxwriter
@@ -14,12 +16,16 @@ from crinoid.view.export.table import columns_of, note_on_empty, rows_of
 
 _MOST_COLUMNS = 16_384
 """Columns of a sheet of Excel."""
+_WIDTH = 14
+"""Least width of a column, in characters."""
 
 Row = Iterable[str | float | None]
 
 
 def write_xlsx(source: Table, files: Files, report: Report) -> list[str]:
-    """Write the sheets of a run: measures, the table of `write_csv`, and its variables.
+    """Write the sheets of a run: measures, the table of `write_csv`, its chart, and its variables.
+
+    Angles are in degrees.
 
     Returns notes on numbers that are not finite.
     """
@@ -33,29 +39,58 @@ def write_xlsx(source: Table, files: Files, report: Report) -> list[str]:
         nonlocal empty
         for row in rows_of(source, columns, report):
             empty += row.count(None)
-            yield row
+            sizes = zip(row, factors, strict=True)
+            yield [None if cell is None else cell * factor for cell, factor in sizes]
 
-    measures = [
-        (name, value, each.unit, each.meaning)
-        for name, each in summarised(source.result).items()
-        if (value := each.value) is not None
-    ]
+    factors = [1.0, *(_in_degrees(part.unit)[0] for _, part in columns)]
+    measures = []
+    for name, each in summarised(source.result).items():
+        factor, unit = _in_degrees(each.unit)
+        if each.value is not None:
+            measures.append((name, each.value * factor, unit, each.meaning))
     about = [(name, str(text)) for name, text in source.attributes.items()]
     named = {name: source.data[name].attrs for name, _ in columns}
-    meanings = [(k, a.get("units", ""), a.get("long_name", "")) for k, a in named.items()]
+    meanings = [
+        (name, _in_degrees(found.get("units", ""))[1], found.get("long_name", ""))
+        for name, found in named.items()
+    ]
+    parts = [replace(part, unit=_in_degrees(part.unit)[1]) for _, part in columns]
+    heads = (TIME, *(part.head(name) for (name, _), part in zip(columns, parts, strict=True)))
     with xlsxwriter.Workbook(files[0], {"constant_memory": True}) as book:
         book.set_properties({"author": PRODUCER})
         _write(book, "summary", ("measure", "value", "unit", "meaning"), [*measures, (), *about])
-        heads = (TIME, *(part.head(name) for name, part in columns))
         _write(book, "time series", heads, counted())
+        _add_chart(book, heads, source.records.size)
         _write(book, "variables", ("variable", "unit", "meaning"), meanings)
     return note_on_empty(empty)
+
+
+def _in_degrees(unit: str) -> tuple[float, str]:
+    """Return the factor from a unit to that of the workbook, and its name."""
+    if not re.match(r"rad\b", unit):
+        return 1.0, unit
+    return math.degrees(1), unit.replace("rad", "degree", 1)
+
+
+def _add_chart(book: xlsxwriter.Workbook, heads: Sequence[str], rows: int) -> None:
+    """Draw the error of the tip over time on the first sheet, if the table has it."""
+    for place, head in enumerate(heads):
+        if head.startswith("tip_error"):
+            chart = book.add_chart({"type": "scatter", "subtype": "straight"})
+            times, values = (["time series", 1, at, rows, at] for at in (0, place))
+            chart.add_series({"categories": times, "values": values, "line": {"width": 1.0}})
+            chart.set_x_axis({"name": TIME})
+            chart.set_y_axis({"name": head})
+            chart.set_legend({"none": True})
+            book.get_worksheet_by_name("summary").insert_chart("F2", chart)
 
 
 def _write(book: xlsxwriter.Workbook, name: str, head: Row, rows: Iterable[Row]) -> None:
     sheet, bold = book.add_worksheet(name), book.add_format({"bold": True})
     sheet.freeze_panes(1, 1)
-    sheet.set_column(0, 3, 24)
+    head = list(head)
+    for place, text in enumerate(head):
+        sheet.set_column(place, place, max(_WIDTH, len(str(text)) + 2))
     for number, row in enumerate(chain([head], rows)):
         for place, cell in enumerate(row):
             if isinstance(cell, str):

@@ -8,7 +8,11 @@ __all__ = ["write_means", "write_page", "write_report"]
 
 
 def write_report(
-    path: FilePath, out: FilePath | None = None, *, file_format: str = "png"
+    path: FilePath,
+    out: FilePath | None = None,
+    *,
+    file_format: str = "png",
+    width: str | None = None,
 ) -> list[Path]:
     """Draw the figures of a result, or of a study of several cases.
 
@@ -30,6 +34,11 @@ def write_report(
         Folder for the figures, created if needed; by default that of the result.
     file_format : str
         Format of the figures, ``"png"``, ``"pdf"`` or ``"svg"``: the ending of their names.
+        ``"pdf"`` without a width gives one document in place of the figures, ``report.pdf``, with
+        the numbers, the figures, the notes and the scenario of a result.
+    width : str
+        Width of figures for a paper, such as ``"85mm"``, ``"17.8cm"`` or ``"3.4in"``: of 60 to
+        500 mm, without titles, in 7 to 8 pt. By default they are for the screen.
 
     Returns
     -------
@@ -39,7 +48,7 @@ def write_report(
     Raises
     ------
     ReportError
-        If there is nothing to draw, or the format is another one.
+        If there is nothing to draw, the format is another one, or the width is none.
 
     Examples
     --------
@@ -51,7 +60,7 @@ def write_report(
     """
     from crinoid.view.figures.book import write_book
 
-    return write_book(Path(path), None if out is None else Path(out), file_format)
+    return write_book(Path(path), None if out is None else Path(out), file_format, width)
 
 
 def write_means(folder: FilePath) -> list[Path]:

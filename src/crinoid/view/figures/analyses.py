@@ -34,7 +34,7 @@ def differ(flow: xr.Dataset) -> bool:
 def draw_profile(flow: xr.Dataset) -> Figure:
     """Draw mean and standard deviation of all components above and below the root."""
     names = _axes_of(flow)
-    figure = Figure(figsize=(style.WIDTH, 4.2 + 0.2 * len(names)), layout="constrained")
+    figure = style.new_figure(4.2 + 0.2 * len(names))
     panels = list(figure.subplots(1, len(names), sharey=True))
     height = flow["height"].values
     ends = flow["position"].sel(axis="z").values
@@ -52,14 +52,14 @@ def draw_profile(flow: xr.Dataset) -> Figure:
             axes.plot(measured, levels, "o", markersize=3.0, color=style.INK, label="as measured")
         thick = 0.004 * float(np.ptp(height))
         low, high = float(ends.min()) - thick, float(ends.max()) + thick
-        axes.axhspan(low, high, color=style.PALE, zorder=0, label="the arm at rest")
-        axes.set_xlabel(f"velocity {axis} (m/s)")
+        axes.axhspan(low, high, color=style.PALE, zorder=0, label="the arm without loads")
+        axes.set_xlabel(f"velocity {axis}\n(m/s)")
         axes.margins(x=0.3)
         axes.locator_params(axis="x", nbins=12 // len(names))
         if np.ptp(axes.get_xlim()) < 1e-3:  # round-off is no profile
             middle = float(mean.mean())
             axes.set_xlim(middle - 0.05, middle + 0.05)
-        style.key(axes, columns=2 if len(names) == 2 else 1)
+    style.key_of(figure, panels)
     depth, low, high = flow.attrs.get("depth"), float(height.min()), float(height.max())
     panels[0].set_ylim(*((low, high) if depth is None else (-float(depth), max(0.0, high))))
     panels[0].set_ylabel("z (m)")
@@ -106,8 +106,10 @@ def banded(frequency: Spectrum, density: Spectrum) -> tuple[Banded, Banded]:
 def draw_spectrum(flow: xr.Dataset) -> Figure:
     """Draw the spectral density of each component, and that of turbulence where it was random."""
     names = _axes_of(flow)
-    figure = Figure(figsize=(style.WIDTH, 4.8), layout="constrained")
-    panels = list(figure.subplots(1, len(names), sharey=True))
+    across = style.columns(2.2, len(names))
+    down = len(names) // across
+    figure = style.new_figure(4.8 if down == 1 else 0.3 + 2.4 * down)
+    panels = list(figure.subplots(down, across, sharey=True).flat)
     finest = flow["frequency"].values
     frequency, density = banded(finest, flow["flow_spectrum"].values)
     shown = density[density > _STEADY]
@@ -159,37 +161,37 @@ def _turbulence(axes: Axes, frequency: Spectrum, model: Spectrum, words: str) ->
     )
 
 
-_ACROSS = 6  # modes in a row
+_WIDE = 1.1  # inches that a mode has at least
 _SWING = 0.22  # drawn amplitude of a mode, of the arm's length
 _PHASES = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 _STILL = 0.02  # displacement below which a mode is one of torsion
 _UNDAMPED = 1e-6  # damping ratio below which a mode is undamped
 _GAP = (0.12, 0.4)  # inches, that above a panel for its title
-_LEFT, _BELOW, _HEADING, _HIGHEST = 0.12, 0.42, 0.28, 2.3  # inches
+_LEFT, _BELOW, _HEADING, _HIGHEST = 0.12, 0.1, 0.28, 2.3  # inches
 
 
 def draw_modes(modes: xr.Dataset) -> Figure:
     """Draw each mode on the arm at rest, one medium below the other, at one scale."""
     view = OBLIQUE if is_spatial(modes) else SIDE
     media = [modes.isel(medium=[index]) for index in range(modes.sizes["medium"])]
-    across = min(_ACROSS, modes.sizes["mode"])
+    across = style.columns(_WIDE, modes.sizes["mode"])
     rows = -(-modes.sizes["mode"] // across)
     windows = [_window(here, view) for here in media]
-    room = (style.WIDTH - 2 * _LEFT - (across - 1) * _GAP[0]) / across
+    room = (style.width() - 2 * _LEFT - (across - 1) * _GAP[0]) / across
     extents = np.array([high - low for low, high in windows])
     inch = min(room / extents[:, 0].max(), _HIGHEST / extents[:, 1].max())
 
     title = str(modes.attrs.get("title", "")).strip() or "modes"
     status = str(modes.attrs.get("status", "")) or Status.OK.value
     blocks = [_HEADING + rows * (float(extent[1]) * inch + _GAP[1]) for extent in extents]
-    top = style.head_height(title, status, style.WIDTH) + sum(blocks) + _BELOW
-    figure = Figure(figsize=(style.WIDTH, top))
+    top = style.head_height(title, status, style.width()) + sum(blocks) + _BELOW
+    figure = Figure(figsize=(style.width(), top))
     style.head(figure, title, status)
-    top -= style.head_height(title, status, style.WIDTH)
+    top -= style.head_height(title, status, style.width())
     for here, (low, high), block in zip(media, windows, blocks, strict=True):
         medium = str(here["medium"].item())
-        place = (_LEFT / style.WIDTH, (top - 0.22) / float(figure.get_size_inches()[1]))
-        figure.text(*place, medium, fontweight="bold")
+        place = (_LEFT / style.width(), (top - 0.22) / float(figure.get_size_inches()[1]))
+        figure.text(*place, medium)
         wide, tall = (high - low) * inch
         for index in range(modes.sizes["mode"]):
             row, column = divmod(index, across)
@@ -207,7 +209,7 @@ def draw_modes(modes: xr.Dataset) -> Figure:
     }
     handles = [Line2D([], [], color=colour, label=label) for label, colour in lines.items()]
     handles.append(Line2D([], [], color=style.SKY, linewidth=0.6, label="in between"))
-    figure.legend(handles=handles, loc="lower center", ncols=4, borderaxespad=0.3)
+    style.key_with(figure, handles, "lower center")
     return figure
 
 

@@ -1,10 +1,13 @@
 """The arm in a parallel view: its shapes, the path of its tip, the target and its base."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
+from scipy.interpolate import CubicSpline
 
 from crinoid.results.result import Result
 from crinoid.results.scene.bodies import RigidBody, mount_bodies
@@ -25,6 +28,17 @@ from crinoid.view.figures.surroundings import (
 _SHAPES = 25  # more would merge into a smear
 _HULL = 0.16  # share of the arm's length about the root, within which its base is shown
 _RIM = "#B4BDC2"  # around the arm's thickness
+
+
+_PIECES = 100  # lines that an arm is drawn with, at least
+
+
+def smooth_arm(run: Keyframes) -> Keyframes:
+    """Return a run whose arm is a smooth curve through its nodes, of which few make kinks."""
+    nodes = np.arange(len(run.diameter))
+    fine = np.linspace(0, nodes[-1], -(-_PIECES // nodes[-1]) * nodes[-1] + 1)
+    position = CubicSpline(nodes, run.position, axis=1)(fine)
+    return replace(run, position=position, diameter=np.interp(fine, nodes, run.diameter), fields=())
 
 
 def chosen_records(count: int) -> Int[np.ndarray, " shape"]:
@@ -50,7 +64,7 @@ def draw_arm(
     axes: Axes, both: Result, one: int, box: tuple[Point, Point], view: View, chosen: Chosen = None
 ) -> None:
     """Draw one run of a result in a box without its water, the arm at chosen records."""
-    (_, result), scene, run = both.members[one], both.scene, both.scene.members[one]
+    (_, result), scene, run = both.members[one], both.scene, smooth_arm(both.scene.members[one])
     shapes = view.paper(run.position)
     if chosen is None:
         chosen = chosen_records(len(shapes))
@@ -103,6 +117,8 @@ def _draw_tip(axes: Axes, run: Keyframes, view: View, word: str) -> None:
     path, target = view.paper(run.position[:, -1]), view.paper(run.target)
     if len(path) > 1:
         axes.plot(*path.T, color=VERMILLION, linewidth=0.8, label="path of the tip", zorder=4)
+    if word != "target":
+        return
     wanders = moves(run.target)
     if wanders:
         axes.plot(*target.T, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=4.5)

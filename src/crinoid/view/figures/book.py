@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
@@ -20,6 +19,7 @@ from crinoid.results.reading import load_as, open_drawable
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result
 from crinoid.results.scene.data import is_spatial
+from crinoid.view.figures import style
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectrum, series_chart
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.estimate import log_chart
@@ -27,6 +27,7 @@ from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.figures.charts.section_loads import section_load_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist, draw_response
 from crinoid.view.figures.curve import draw_curve
+from crinoid.view.figures.document import DOCUMENT, Part, write_document
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.sea_record import draw_record
 from crinoid.view.figures.searches import draw_identification, draw_optimisation, draw_training
@@ -40,11 +41,10 @@ from crinoid.view.figures.shape import (
 )
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.study import read_cases, study_of
-from crinoid.view.figures.style import STYLE
 from crinoid.view.page.parts import PAGE
 from crinoid.view.page.study import about_study, write_study
 from crinoid.view.page.write import write_run
-from crinoid.view.refusals import require_figures, require_path
+from crinoid.view.refusals import require_figures, require_path, width_of
 
 
 def _of_run(chart: Chart, run: Result) -> Figure:
@@ -170,36 +170,49 @@ _FINDINGS = {
 """Findings by the names of their files, which may be in the folder of a result."""
 
 
-def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
+class _Form(NamedTuple):
+    """Format of figures, and their width for a paper (inches)."""
+
+    ending: str
+    width: float | None
+
+    @property
+    def document(self) -> bool:
+        """Whether they are in one document."""
+        return self.ending == "pdf" and self.width is None
+
+
+_SCREEN = _Form("png", None)
+
+
+def write_book(path: Path, out: Path | None, ending: str, width: str | None) -> list[Path]:
     """Draw everything that the result or study at `path` gives; see `crinoid.view.figures`."""
-    require_figures(form)
+    require_figures(ending)
+    form = _Form(ending, None if width is None else width_of(width))
     require_path(path)
     if path.is_file() and path.name in _FINDINGS:
-        return _write_finding(path, out or path.parent, form)
+        return _write([_finding(path)], out or path.parent, form)
     if path.is_file() and path.name != CASES:
         # figures of the controlled run have the same names
         apart = path.with_suffix("") if path.name == UNCONTROLLED else path.parent
-        return _write_run(path, out or apart, form)
+        return _write([_run(path)], out or apart, form)
     folder = path if path.is_dir() else path.parent
     written = []
-    names = (RESULT, *_FINDINGS)
-    there = [name for name in names if path.is_dir() and (folder / name).is_file()]
+    there = [name for name in (RESULT, *_FINDINGS) if path.is_dir() and (folder / name).is_file()]
     # in the folder of a result, a table that is no study's is left alone
     studied = is_table(folder / CASES) or ((folder / CASES).is_file() and not there)
     if studied:
         written += _write_study(folder, out or folder, form)
-    if RESULT in there:
-        written += _write_run(folder / RESULT, out or folder, form)
-    for name in there:
-        if name != RESULT:
-            written += _write_finding(folder / name, out or folder, form)
+    parts = [(_run if name == RESULT else _finding)(folder / name) for name in there]
+    written += _write(parts, out or folder, form)
     if not written and not studied:
         files = " nor ".join((RESULT, CASES, *_FINDINGS))
         raise ReportError(f"{path}: no result here, neither {files}")
     return written
 
 
-def _write_run(path: Path, out: Path, form: str) -> list[Path]:
+def _run(path: Path) -> Part:
+    """Return a run and its figures."""
     run = open_drawable(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.dataset) else {})
     figures |= {"cycles": draw_cycles} if has_cycles(run) else {}
@@ -210,14 +223,13 @@ def _write_run(path: Path, out: Path, form: str) -> list[Path]:
     else:
         charts = [(name, chart) for name, chart in charts_of(run) if name]
         figures |= {name: partial(_of_run, chart) for name, chart in charts}
-    drawn = [
-        _save(lambda draw=draw: draw(run), out / f"{name}.{form}", path)
-        for name, draw in figures.items()
-    ]
-    return [*drawn, write_run(run, out / PAGE)]
+    return Part(
+        path, run.dataset, run, {name: partial(draw, run) for name, draw in figures.items()}
+    )
 
 
-def _write_finding(path: Path, out: Path, form: str) -> list[Path]:
+def _finding(path: Path) -> Part:
+    """Return what another command found, and its figures."""
     finding = _FINDINGS[path.name]
     data = load_as(path, finding.kind, finding.required)
 
@@ -225,34 +237,44 @@ def _write_finding(path: Path, out: Path, form: str) -> list[Path]:
         found = draw(data)
         return draw_chart(found, data, found.title) if isinstance(found, Chart) else found
 
-    return [
-        _save(partial(drawn, draw), (out / name).with_suffix(f".{form}"), path)
-        for name, draw in finding.figures.items()
-    ]
+    figures = {Path(name).stem: partial(drawn, draw) for name, draw in finding.figures.items()}
+    return Part(path, data, None, figures)
 
 
-def _write_study(folder: Path, out: Path, form: str) -> list[Path]:
+def _write(parts: list[Part], out: Path, form: _Form) -> list[Path]:
+    """Write the figures and the page of the files of a folder."""
+    written = [write_document(out / DOCUMENT, parts)] if form.document and parts else []
+    for part in parts:
+        for name, draw in {} if form.document else part.figures.items():
+            written.append(_save(draw, out / f"{name}.{form.ending}", part.source, form.width))
+        if part.run is not None:
+            written.append(write_run(part.run, out / PAGE))
+    return written
+
+
+def _write_study(folder: Path, out: Path, form: _Form) -> list[Path]:
     cases = read_cases(folder / CASES)
     written = []
     for case in cases:
         if case.result is not None:
-            written += _write_run(case.result, out / case.directory, form)
+            written += _write([_run(case.result)], out / case.directory, form)
     written += write_means_figure(folder, out, form)
     # a result in the same folder has the page of that name
     return written if (folder / RESULT).is_file() else [*written, write_study(cases, folder, out)]
 
 
-def write_means_figure(folder: Path, out: Path, form: str = "png") -> list[Path]:
+def write_means_figure(folder: Path, out: Path, form: _Form = _SCREEN) -> list[Path]:
     """Draw the means over seeds of the study in a folder, if there are any over one or two keys."""
     cases = read_cases(folder / CASES)
     _, title, registry = about_study(folder, cases)
     study = study_of(cases, registry)
     if not means_keys(study):
         return []
-    return [_save(lambda: draw_means(study, title), out / f"means.{form}", folder / CASES)]
+    path = out / f"means.{form.ending}"
+    return [_save(lambda: draw_means(study, title), path, folder / CASES, form.width)]
 
 
-def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
+def _save(draw: Callable[[], Figure], path: Path, source: Path, width: float | None) -> Path:
     """Draw and save within the style; the file names crinoid and its source."""
     form, program = path.suffix[1:], f"crinoid {__version__}"
     metadata: dict[str, dict[str, str | None]] = {
@@ -262,8 +284,10 @@ def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
     }
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with mpl.rc_context(STYLE), atomic_write(path) as temporary:
-            draw().savefig(temporary, format=form, facecolor="white", metadata=metadata[form])
+        with style.printed(width), atomic_write(path) as temporary:
+            figure = draw()
+            style.space_numbers(figure)
+            figure.savefig(temporary, format=form, facecolor="white", metadata=metadata[form])
     except OSError as error:
         raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
     return path

@@ -9,7 +9,13 @@ from jaxtyping import Complex, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import (
+    LogLocator,
+    MaxNLocator,
+    MultipleLocator,
+    NullFormatter,
+    ScalarFormatter,
+)
 
 from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import MEASURES
@@ -18,8 +24,8 @@ from crinoid.studies.comparison import best_controller, compared_measures
 from crinoid.studies.statistics import row_means
 from crinoid.view.figures import style
 
-_COLUMNS, _OF_RESPONSES = 3, 2
-"""Panels side by side: of a comparison, and of responses."""
+_LEAST, _OF_RESPONSES = 1.6, 2
+"""Least width of a panel of a comparison (inches); panels of responses side by side."""
 _DRAWN = ("rms_error", "max_error", "within_tolerance", "rms_angle_error", "work", "max_base_force")
 """Measures that a figure shows, besides those of packages."""
 _WIDE = (8.0, 1e4)
@@ -31,15 +37,16 @@ _SPREAD = 0.22
 def draw_comparison(data: xr.Dataset) -> Figure:
     """Draw errors and efforts: a point for each run, a line with its number for each mean."""
     panels = _panels(data)
-    rows = math.ceil(len(panels) / _COLUMNS)
-    figure = Figure(figsize=(style.WIDTH, 0.5 + 2.5 * rows), layout="constrained")
+    across = style.columns(_LEAST, 3)
+    rows = math.ceil(len(panels) / across)
+    figure = style.new_figure(0.5 + 2.5 * rows)
     style.head_of(figure, data)
     words = "points: runs; lines, bars and numbers: means and 95 % intervals; speeds are RMS"
-    figure.supxlabel(words, fontsize=8.5, color=style.GREY)
-    grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    figure.supxlabel(style.wrap(words), fontsize=style.small(), color=style.GREY)
+    grid = list(figure.subplots(rows, across, squeeze=False).flat)
     for axes, (words, values, unit) in zip(grid, panels, strict=False):
         _points(axes, [str(kind) for kind in data["controller"].values], values * unit.factor)
-        axes.set_title(words, loc="left")
+        axes.set_title(style.wrap(words, across), loc="left")
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     return figure
@@ -114,7 +121,7 @@ _NEAR = 2.0  # distance from 0 up to which the curves are drawn
 
 def draw_bode(data: xr.Dataset) -> Figure:
     """Draw size and phase of each eigenvalue of the open loop over the frequency."""
-    figure = Figure(figsize=(style.WIDTH, 5.6), layout="constrained")
+    figure = style.new_figure(5.6)
     _head(figure, data)
     size, phase = figure.subplots(2, 1, sharex=True)
     loci = data["locus_real"].values + 1j * data["locus_imaginary"].values
@@ -155,7 +162,7 @@ def draw_bode(data: xr.Dataset) -> Figure:
 
 def draw_nyquist(data: xr.Dataset) -> Figure:
     """Draw each eigenvalue of the open loop as a curve, near -1."""
-    figure = Figure(figsize=(style.WIDTH, style.WIDTH), layout="constrained")
+    figure = Figure(figsize=(style.width(), style.width()), layout="constrained")
     _head(figure, data)
     axes = figure.subplots()
     modulus = float(data["modulus_margin"])
@@ -222,29 +229,38 @@ _UNSEEN = 1e-4  # size of a response, over the largest of its input, below which
 
 
 def draw_response(data: xr.Dataset) -> Figure:
-    """Draw the size of the response of the tip's coordinates to commands and current."""
-    response = (data["response_real"] ** 2 + data["response_imaginary"] ** 2) ** 0.5
+    """Draw size and phase of the response of the tip's coordinates to commands and current."""
+    response = data["response_real"] + 1j * data["response_imaginary"]
     names = [str(name) for name in data["input"].values if "acceleration" not in str(name)]
-    rows = math.ceil(len(names) / _OF_RESPONSES)
-    figure = Figure(figsize=(style.WIDTH, 0.6 + 2.3 * rows), layout="constrained")
+    across = style.columns(3.0, _OF_RESPONSES)
+    rows = math.ceil(len(names) / across)
+    figure = style.new_figure(0.6 + 3.2 * rows)
     style.head(figure, str(data.attrs.get("title", "")), "ok")
-    grid = list(figure.subplots(rows, _OF_RESPONSES, sharex=True, squeeze=False).flat)
+    ratios = [2.0, 1.3] * rows
+    grid = figure.subplots(2 * rows, across, sharex=True, squeeze=False, height_ratios=ratios)
+    pairs = [pair for row in range(rows) for pair in grid[2 * row : 2 * row + 2].T]
     frequency = data["frequency"].values
-    for axes, name in zip(grid, names, strict=False):
-        sizes = response.sel(input=name)
-        most = float(sizes.max())
+    for (axes, phase), name in zip(pairs, names, strict=False):
+        to_it = response.sel(input=name)
+        most = float(abs(to_it).max())
         for output in data["output"].values:
-            size = sizes.sel(output=output).values
-            if size.max() > _UNSEEN * most:
-                colour = style.AXIS_COLOURS[str(output).removeprefix("tip_")]
-                axes.plot(frequency, size, color=colour, label=str(output))
-        unit = str(sizes["input_unit"].values).replace(" s-1", "/s")
+            curve = to_it.sel(output=output).values
+            if np.abs(curve).max() > _UNSEEN * most:
+                look = {"color": style.AXIS_COLOURS[str(output).removeprefix("tip_")]}
+                axes.plot(frequency, np.abs(curve), **look, label=str(output).replace("_", " "))
+                phase.plot(frequency, np.rad2deg(np.unwrap(np.angle(curve))), **look)
+        unit = str(to_it["input_unit"].values).replace(" s-1", "/s")
         per = "m" if unit == "1" else f"m per {unit}"
-        axes.set(xscale="log", yscale="log", xlim=frequency[[0, -1]], ylabel=f"{name}\n({per})")
+        axes.set(xscale="log", yscale="log", xlim=frequency[[0, -1]])
+        axes.set_ylabel(f"{name.replace('_', ' ')}\n({per})")
+        phase.set_ylabel("phase (deg)")
+        phase.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 1.8, 3.6, 4.5, 9, 10]))
         if most > 0:
             axes.set_ylim(_UNSEEN * most, 2 * most)
         style.key(axes)
-    for axes in grid[len(names) :]:
-        axes.set_axis_off()
+    for pair in pairs[len(names) :]:
+        for axes in pair:
+            axes.set_axis_off()
+    figure.align_ylabels()
     figure.supxlabel("frequency (Hz)")
     return figure

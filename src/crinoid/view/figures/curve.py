@@ -25,8 +25,9 @@ def draw_curve(data: xr.Dataset) -> Figure:
     key = str(data.attrs["varied"])
     unit = _unit(data[key])
     name = f"{key} ({unit.name})" if unit.name else key
-    figure = Figure(figsize=(style.WIDTH, 6.0), layout="constrained")
-    (turn, shapes), (tip, curvature) = figure.subplots(2, 2)
+    across = style.columns(3.0, 2)
+    figure = style.new_figure(6.0 if across == 2 else 9.0)
+    turn, shapes, tip, curvature = figure.subplots(4 // across, across).flat
     x = data[key].values * unit.factor
     two = data.sizes["branch"] > 1
     for branch in map(str, data["branch"].values):

@@ -1,5 +1,6 @@
 """Charts drawn with matplotlib: panels below each other."""
 
+from dataclasses import replace
 from typing import Any
 
 import xarray as xr
@@ -20,7 +21,7 @@ def draw_chart(chart: Chart, data: xr.Dataset, title: str) -> Figure:
     """Draw the panels of a chart below each other; without a title of the data the given one."""
     panels = chart.filled
     heights = [panel.tall for panel in panels]
-    figure = Figure(figsize=(style.WIDTH, 0.5 + sum(heights)), layout="constrained")
+    figure = style.new_figure(0.5 + sum(heights))
     drawn = list(
         figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False).flat
     )
@@ -35,7 +36,7 @@ def draw_chart(chart: Chart, data: xr.Dataset, title: str) -> Figure:
     figure.align_ylabels([axes for axes in drawn if axes.get_ylabel()])
     style.head_of(figure, data, title)
     if chart.remark:
-        drawn[0].set_title(chart.remark, loc="right", fontsize=8.5)
+        drawn[0].set_title(chart.remark, loc="right", fontsize=style.small())
     return figure
 
 
@@ -88,7 +89,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     if panel.high is not None:
         axes.set_ylim(top=panel.high * panel.factor)
     if panel.left_out:
-        axes.set_title(panel.left_out, loc="right", fontsize=8.5, color=style.GREY)
+        axes.set_title(panel.left_out, loc="right", fontsize=style.small(), color=style.GREY)
     style.key(axes, columns=panel.columns)
 
 
@@ -98,6 +99,8 @@ def _draw_trace(axes: Axes, panel: Panel, trace: Trace) -> None:
         alpha = 0.15 if trace.behind else 0.3
         axes.stairs(values[:-1], trace.at, fill=True, color=ink, alpha=alpha, linewidth=0)
         return
+    if style.narrow():  # a caption has the others
+        trace = replace(trace, summary=trace.summary.partition(",")[0])
     label = trace.words if trace.words and not trace.quiet else None
     if trace.line == "points":
         axes.plot(trace.at, values, ".", color=ink, label=label, markersize=2.0)
@@ -121,7 +124,7 @@ def _look(line: str, behind: bool) -> dict[str, Any]:
         return {"linestyle": (0, (1, 1.5))}
     if behind:
         return {"linestyle": (0, (3, 1.2)), "linewidth": 1.0, "alpha": 0.5}
-    return {"linestyle": "-", "linewidth": 1.3}
+    return {"linestyle": "-"}
 
 
 def _draw_rows(axes: Axes, panel: Panel) -> None:
@@ -131,6 +134,6 @@ def _draw_rows(axes: Axes, panel: Panel) -> None:
         axes.broken_barh(spans, (place - 0.36, 0.72), facecolors=colour(row.role), alpha=alpha)
     axes.set_yticks(range(len(panel.rows)), [row.name for row in panel.rows])
     axes.set_ylim(len(panel.rows) - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0, labelsize=7.5)
+    axes.tick_params(axis="y", length=0, labelsize=style.small())
     axes.grid(visible=False, axis="y")
-    axes.set_title(panel.label, loc="left", fontsize=9.0)
+    axes.set_title(panel.label, loc="left")

@@ -27,7 +27,16 @@ from crinoid.view.figures.painter import (
     paint,
     wall_outlines,
 )
-from crinoid.view.figures.style import GREY, INK, PALE, PURPLE, VERMILLION, time_map, time_norm
+from crinoid.view.figures.style import (
+    GREY,
+    INK,
+    PALE,
+    PURPLE,
+    VERMILLION,
+    small,
+    time_map,
+    time_norm,
+)
 from crinoid.view.figures.surroundings import SOLID, WALL, draw_earlier
 
 _FLOOR, _PANE, _GRID, _FRAME, _SHADE = "#F7F8F8", "white", "#E2E5E7", "#C8CDD0", "#D2D6D8"
@@ -123,7 +132,7 @@ def draw_end(
     left, right = left - edge, right + edge
     axes.set(aspect="equal", xlim=(left[0], right[0]), ylim=(left[1], right[1]))
     axes.set_axis_off()
-    axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
+    axes.set_title(view.name, loc="left", fontsize=small(), pad=4)
     draw_box(axes, low, high, view)
     bodies = BodySurfaces(scene, _COLOURS, float(np.linalg.norm(high - low)))
     solids = [part._replace(facets=within_box(part.facets, low, high)) for part in bodies.at(now)]

@@ -23,11 +23,12 @@ _DECADES = 6
 def draw_record(data: xr.Dataset) -> Figure:
     """Draw the velocity over time, the mean profile, the spectrum and the histogram of speed."""
     profile = data.sizes.get("height", 1) > 1
-    figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(1.2, 1))
+    down = 1 if style.columns(2.2, 3) == 3 else 2 + profile
+    figure = style.new_figure(3.5 + 2.9 * down)
+    above, below = figure.subfigures(2, 1, height_ratios=(1.2, down))
     series = list(above.subplots(2, 1, sharex=True))
     _series(series, data)
-    spectrum, share, *rest = below.subplots(1, 2 + profile)
+    spectrum, share, *rest = below.subplots(down, (2 + profile) // down).flat
     _spectrum(spectrum, data)
     _histogram(share, data)
     if profile:

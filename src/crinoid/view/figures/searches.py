@@ -1,22 +1,25 @@
 """Figures of optimisation, training and identification."""
 
+import textwrap
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from crinoid.results.measure_labels import plain_unit
-from crinoid.view.figures.style import BLUE, GREY, INK, SERIES, VERMILLION, WIDTH, head_of, key
+from crinoid.results.measure_labels import key_label, label_of, plain_number, plain_unit
+from crinoid.view.figures import style
+from crinoid.view.figures.style import BLUE, GREY, INK, SERIES, VERMILLION, head_of, key
 
 
 def draw_optimisation(data: xr.Dataset) -> Figure:
     """Draw the measures of each trial, filled where it keeps the limits, over each number."""
     names, keys = [str(name) for name in data["measure"].values], data["key"].values
-    size = (max(WIDTH, 2.5 * len(names)), 0.7 + 1.8 * len(keys))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = style.new_figure(0.7 + 2.0 * len(names))
     head_of(figure, data)
-    grid = figure.subplots(len(keys), len(names), squeeze=False, sharex="row", sharey="col")
+    grid = figure.subplots(len(names), len(keys), squeeze=False, sharex="col", sharey="row")
     sign, limit = data["sign"].values[:, None], data["limit"].values[:, None]
     found = data["found"].values
     # the mean of the measure, the worst draw of each limit
@@ -24,9 +27,9 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
     shown[0] = found[:, 0].mean(axis=1)
     kept = (sign * (shown - limit) <= 0)[1:].all(axis=0) & np.isfinite(shown).all(axis=0)
     start = data["start"].values
-    for row, axes_of in enumerate(grid):
+    for row, key_of in enumerate(map(str, keys)):
         tried = data["tried"].values[:, row]
-        for column, axes in enumerate(axes_of):
+        for column, axes in enumerate(grid[:, row]):
             for number in np.unique(start):
                 colour = SERIES[int(number) % len(SERIES)] if len(np.unique(start)) < 8 else BLUE
                 for some, face in ((start == number, "none"), ((start == number) & kept, colour)):
@@ -36,25 +39,29 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
             axes.axvline(float(data["best"][row]), color=INK, linestyle="--", linewidth=1.0)
             if column:
                 axes.axhline(float(limit[column, 0]), color=VERMILLION, linewidth=1.0)
-            axes.set_xlabel(str(keys[row]))
-        low, high = data["range"].values[row]
-        if low > 0 and high > 10 * low:
-            axes_of[0].set_xscale("log")
-            axes_of[0].xaxis.set_minor_formatter(NullFormatter())
-    for column, axes in enumerate(grid[0]):
+        axes.set_xlabel(style.wrap(key_label(key_of), len(keys)))
+        axes.xaxis.set_major_formatter("{x:.3g}")
+        near, far = np.sort(np.abs(data["range"].values[row]))
+        if near > 0 and far > 10 * near:  # of one sign
+            negative = data["best"].values[row] < 0
+            below: dict[str, Any] = {"linthresh": near} if negative else {}
+            axes.set_xscale("symlog" if negative else "log", **below)
+            axes.xaxis.set_minor_formatter(NullFormatter())
+    for column, axes in enumerate(grid[:, 0]):
         some = shown[column][np.isfinite(shown[column]) & (shown[column] > 0)]
         if some.size and some.max() > 10 * some.min():
             axes.set_yscale("log")
         unit = plain_unit(str(data["unit"].values[column]))
-        axes.set_title(names[column] + (f" ({unit})" if unit else ""), loc="left")
+        label = label_of(names[column]) + (f" ({unit})" if unit else "")
+        axes.set_ylabel(textwrap.fill(label, 22))
     words = "colours: starts; filled: limits are kept; dotted: initial; dashed: best; red: limit"
-    figure.supxlabel(words, fontsize=8.5, color=GREY)
+    figure.supxlabel(style.wrap(words), fontsize=style.small(), color=GREY)
     return figure
 
 
 def draw_training(data: xr.Dataset) -> Figure:
     """Draw cost and error over the updates; the selected policy is marked."""
-    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
+    figure = style.new_figure(4.6)
     head_of(figure, data)
     upper, lower = figure.subplots(2, 1, sharex=True)
     update, cost, error = data["update"].values, data["cost"].values, data["error"].values
@@ -68,7 +75,7 @@ def draw_training(data: xr.Dataset) -> Figure:
         axes.grid(which="minor", axis="y")
         for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
             ticks("{x:g}")
-        axes.legend(loc="upper right")
+        key(axes)
     upper.set_ylabel("cost over that\nof the imitation")
     lower.set(xlabel="update", ylabel="RMS error of\nthe tip (mm)")
     return figure
@@ -80,8 +87,10 @@ def draw_identification(data: xr.Dataset) -> Figure:
     Each marker has a line.
     """
     names = [str(name) for name in data["quantity"].values]
-    figure = Figure(figsize=(WIDTH, 0.9 + 2.7 * len(names)), layout="constrained")
+    found = [_found(data.sel(parameter=each)) for each in data["parameter"].values]
+    figure = style.new_figure(0.9 + 2.7 * len(names) + 0.17 * len(found))
     head_of(figure, data)
+    figure.supxlabel("\n".join(found), x=0.02, ha="left", fontsize=style.small())
     one = len({name.rpartition(".")[0] for name in names}) == 1
     heights = [2.0, 1.0] * len(names)
     panels = figure.subplots(2 * len(names), 1, sharex=one, height_ratios=heights)
@@ -95,6 +104,18 @@ def draw_identification(data: xr.Dataset) -> Figure:
         if not one or index == len(names) - 1:
             pair[1].set_xlabel(words)
     return figure
+
+
+def _found(row: xr.Dataset) -> str:
+    """Return a parameter in words: its value with its standard error and its unit."""
+    label, _, unit = key_label(str(row["parameter"].item())).partition(" (")
+    value, error, given = (float(row[each]) for each in ("found", "standard_error", "given"))
+    determined = bool(row.get("determined", True))
+    words = [label, plain_number(value)]
+    words += ["±", plain_number(float(f"{error:.2g}"))] if determined else []
+    words += [unit.removesuffix(")")] if unit else []
+    words += [] if determined else ["not determined"]
+    return f"{' '.join(words)} (initially {plain_number(given)})"
 
 
 def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> str:
@@ -129,7 +150,7 @@ def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> s
         upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
     upper.set_ylabel(f"{name}{unit}")
     lower.axhline(0.0, color=GREY, linewidth=0.8)
-    lower.set_ylabel("residual")
+    lower.set_ylabel(f"residual\n{unit.strip()}".strip())
     return words
 
 

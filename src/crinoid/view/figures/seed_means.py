@@ -9,15 +9,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from crinoid.foundation.status import Status
-from crinoid.results.measure_labels import main_measures, plain_number
+from crinoid.results.measure_labels import key_label, main_measures, plain_number
 from crinoid.results.metrics import MEASURES
+from crinoid.results.units import length_unit
 from crinoid.studies.design import SEED
 from crinoid.studies.statistics import means_of
 from crinoid.view.figures import style
 from crinoid.view.figures.study import Key, Study, StudyMeasure
 
-_FEW, _COLUMNS = 4, 2
-"""Panels without those of packages, and panels side by side."""
+_FEW = 4
+"""Panels without those of packages."""
+_LENGTHS = [length_unit(each) for each in (1.0, 0.01, 1e-6)]
+"""Units of lengths, of which a figure has one: millimetres where its measures differ in size."""
 _MOST_LEVELS = 24
 """Levels of a key that labels or cells have room for."""
 
@@ -45,20 +48,25 @@ def draw_means(study: Study, title: str) -> Figure:
         each.name: replace(each, values=np.where(complete, each.values, np.nan))
         for each in study.measures
     }
+    if len({each.unit for each in known.values() if each.unit in _LENGTHS}) > 1:
+        for each in [each for each in known.values() if each.unit in _LENGTHS]:
+            known[each.name] = replace(each, unit=_LENGTHS[1])
     names = main_measures(known)
     shown = [*names[:_FEW], *(name for name in names[_FEW:] if name not in MEASURES)]
-    rows = math.ceil(len(shown) / _COLUMNS)
-    figure = Figure(figsize=(style.WIDTH, 0.4 + 2.7 * rows), layout="constrained")
+    across = style.columns(3.0 if len(keys) == 2 else 1.6, 2)
+    rows = math.ceil(len(shown) / across)
+    figure = style.new_figure(0.4 + 2.7 * rows)
     style.head(figure, title, "ok")
     if _seeded(study):
         runs = "" if len(keys) == 2 else "; points: runs"
         words = f"means over seeds and their 95 % intervals{runs}"
-        figure.supxlabel(words, fontsize=8.5, color=style.GREY)
-    grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+        figure.supxlabel(style.wrap(words), fontsize=style.small(), color=style.GREY)
+    grid = list(figure.subplots(rows, across, squeeze=False).flat)
     for axes, name in zip(grid, shown, strict=False):
         (_draw_grid if len(keys) == 2 else _draw_line)(axes, known[name], *keys)
         unit = known[name].unit.name
-        axes.set_title(known[name].label + (f" ({unit})" if unit else ""), loc="left")
+        label = known[name].label + (f" ({unit})" if unit else "")
+        axes.set_title(style.wrap(label, across), loc="left")
     for axes in grid[len(shown) :]:
         axes.set_axis_off()
     return figure
@@ -71,7 +79,7 @@ def _draw_line(axes: Axes, measure: StudyMeasure, key: Key) -> None:
     axes.scatter(key.values, values, s=9, color=style.SKY, linewidth=0)
     look: Any = {"color": style.BLUE, "capsize": 3, "marker": "o", "markersize": 3.5}
     axes.errorbar(at, means.value, means.half, **look)  # NaN of one seed: no bar
-    axes.set_xlabel(key.label)
+    axes.set_xlabel(style.wrap(key_label(key.name), 2))
     axes.set_ylim(min(0.0, axes.get_ylim()[0]))
     if key.logarithmic:
         axes.set_xscale("log")
@@ -101,4 +109,4 @@ def _draw_grid(axes: Axes, measure: StudyMeasure, across: Key, up: Key) -> None:
         every = -(-len(key.levels) // 8)
         words = key.levels if key.numbers is None else [plain_number(v) for v in key.numbers]
         axis.set_ticks(np.arange(0, len(words), every) + 0.5, words[::every], parse_math=False)
-        axis.set_label_text(key.label)
+        axis.set_label_text(style.wrap(key_label(key.name), 2))

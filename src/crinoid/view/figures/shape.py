@@ -11,11 +11,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from crinoid.results.errors import judged_or_all
 from crinoid.results.loads import BendingCycles, bending_cycles
 from crinoid.results.result import Result
-from crinoid.results.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
+from crinoid.results.scene.data import arc_length, arm_length, in_space, is_spatial, target_word
 from crinoid.results.scene.mesh import AROUND, arm_facets
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
 from crinoid.results.units import largest, length_unit
@@ -38,18 +40,21 @@ ROWS = {
 }
 """Quantities along the arm, and how they are labelled."""
 _KAPPAS = ("kappa_1", "kappa_2")
-_STRAIGHT = 1e-9  # 1/m, rad/m or N: less is nothing
+_STRAIGHT = 1e-9  # N: less is nothing
 
 
 def draw_bending(run: Result) -> Figure:
     """Draw bending, tension and twist along the arm, in space below the arm at the end."""
     spatial, count = is_spatial(run.dataset), len(run.members)
     rows = ["kappa_1", "kappa_2", "twist", "tension"] if spatial else ["curvature", "tension"]
-    lines = 0.5 + 1.6 * len(rows)
-    arms = (3.5 if count == 1 else 2.5) if spatial else 0.15
-    above = style.head_height(run.title, run.status, style.WIDTH) + (0.3 if spatial else 0.05)
+    rows = [name for name in rows if not _is_nothing(run, name)] or rows[:1]
+    lines = style.scale() * (0.5 + 1.6 * len(rows))
+    across = 1 if style.narrow() else count
+    high = 2.3 if style.narrow() else 3.5 if count == 1 else 2.5
+    arms = high * (count // across) if spatial else 0.15
+    above = style.head_height(run.title, run.status, style.width()) + (0.3 if spatial else 0.05)
     tall = lines + arms + above
-    figure = Figure(figsize=(style.WIDTH, tall), layout="constrained")
+    figure = Figure(figsize=(style.width(), tall), layout="constrained")
     style.head(figure, run.title, run.status)
     if spatial:
         style.lay_out_below(figure, lines)
@@ -57,8 +62,9 @@ def draw_bending(run: Result) -> Figure:
     for column, (label, each) in enumerate(run.members):
         data = each.dataset
         if spatial:
-            wide = (style.WIDTH - LEFT - 0.4) / count
-            arm = style.add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
+            wide, (up, right) = (style.width() - LEFT - 0.4) / across, divmod(column, across)
+            foot = lines + 0.5 + (count // across - 1 - up) * high
+            arm = style.add_axes(figure, LEFT + right * wide, foot, wide - 0.75, high - 0.5)
             inside = [one.position[-1] for one in run.scene.members]
             inside.append(mount_points(run.scene))
             inside += [tool_facets(one).reshape(-1, 3) for one in run.scene.members if one.held[-1]]
@@ -72,11 +78,9 @@ def draw_bending(run: Result) -> Figure:
             draw_lines(axes, data, name)
             if not column:
                 axes.set_ylabel(ROWS[name])
-        panels[-1, column].set_xlabel("distance from the root (m)")
-    for (axes, *_), name in zip(panels, rows, strict=True):
-        shown = [_values(each.dataset, name) for _, each in run.members]
-        if largest(*(values for values in shown if values is not None)) < _STRAIGHT:
-            axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
+    figure.supxlabel("distance from the root (m)")
+    if _is_nothing(run, rows[0]):
+        panels[0, 0].set_ylim(-1.0, 1.0)  # of all columns, which share it
     figure.align_ylabels(panels[:, 0])
     if "director" in run.dataset:
         sides = {"side of the director $m_1$": _DARK, "other side": style.PALE}
@@ -86,6 +90,14 @@ def draw_bending(run: Result) -> Figure:
         figure.legend(handles=halves, loc="lower center", bbox_to_anchor=below, ncols=2)
     style.time_bar(figure, run.dataset, ax=panels, label="time (s)", aspect=40, pad=0.015)
     return figure
+
+
+def _is_nothing(run: Result, name: str) -> bool:
+    """Whether one of `ROWS` is known, and is zero throughout but for round-off."""
+    shown = [_values(each.dataset, name) for _, each in run.members]
+    least = _STRAIGHT if name == "tension" else 1e-6 / arm_length(run.dataset)
+    known = [values for values in shown if values is not None]
+    return bool(known) and largest(*known) < least
 
 
 _DARK = "#6F8591"  # the half of the arm that is on the side of its director m_1
@@ -136,7 +148,7 @@ def has_cycles(run: Result) -> bool:
 
 def draw_cycles(run: Result) -> Figure:
     """Draw the cumulative number of cycles over their range, where the range is largest."""
-    figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
+    figure = style.new_figure(3.4)
     axes = figure.subplots()
     for (who, found), role in zip(_cycles(run).items(), MEMBER_ROLES, strict=False):
         if not found.number:
@@ -149,6 +161,9 @@ def draw_cycles(run: Result) -> Figure:
         axes.stairs(counts[::-1], ranges[::-1], color=colour(role), label=label, baseline=None)
     axes.set(xlabel="range of curvature (1/m)", ylabel="cycles of at least this range")
     axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlim(left=0.0)
     style.key(axes, 1)
     style.head(figure, run.title, run.status)
@@ -161,6 +176,8 @@ def _cycles(run: Result) -> dict[str, BendingCycles]:
 
 
 _MARGIN = 0.04  # around everything, of the larger extent
+_TALLEST = 5.2  # inches, of all panels
+_KEY_WIDE = 1.9  # inches, of a key beside the panels
 _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the water is
 
 
@@ -170,24 +187,26 @@ def draw_shape(run: Result) -> Figure:
     currents = [find_current(each, SIDE) for _, each in run.members]
     scale = max(current.scale for current in currents)
     low, high = _extent(run, currents, scale)
-    figure, panels = _panels(low, high, run, about)
+    figure, panels, beside = _panels(low, high, run, about)
     for index, (axes, current) in enumerate(zip(panels, currents, strict=True)):
         draw_arm(axes, run, index, (SIDE.lift(low), SIDE.lift(high)), SIDE)
         current.draw(axes, scale)
         axes.set_title(run.members[index][0], loc="left")
     if scale > 0.0:
-        wide = float(panels[0].get_position().width) * style.WIDTH  # inches
+        wide = float(panels[0].get_position().width) * style.width()  # inches
         clear = 0.5 * _KEY * (high - low)[0] / wide
         fastest = max(largest(current.instants) for current in currents)
         draw_key(panels[-1], high - np.array([clear, clear]), fastest, scale)
-    style.key_below(figure, panels)
+    style.key_of(figure, panels, "center right" if beside else "lower center")
     return figure
 
 
 def _panels(
     low: PaperPoint, high: PaperPoint, run: Result, about: str
-) -> tuple[Figure, list[Axes]]:
-    """Make equal panels that show a window, and the title and colour bar around them.
+) -> tuple[Figure, list[Axes], bool]:
+    """Make equal panels that show a window, the title and colour bar around them.
+
+    Return them, and whether the key has room beside them.
 
     `about` is the origin of positions, other than that of the world. Equal axes leave a layout
     engine gaps, so the figure is cut to the panels instead; everything here is in inches.
@@ -195,17 +214,21 @@ def _panels(
     window, count = high - low, len(run.members)
     columns = count if window[1] > 0.75 * window[0] else 1
     rows = count // columns
-    left, right, gap = 0.85, 1.0, (0.25, 0.32)
-    room = (style.WIDTH - left - right - gap[0] * (columns - 1)) / columns, 6.8 / rows
-    panel = window * min(room / window)
-    # both sides share what a narrow panel leaves
-    left += (style.WIDTH - left - right - gap[0] * (columns - 1) - columns * panel[0]) / 2
-    below = 1.13 if any(find_obstacles(each) for _, each in run.members) else 0.95  # a longer key
+    left, right, gap = 0.85 * style.scale(), 1.0, (0.25, 0.32)
+    below = 0.5 * style.scale()
+    if style.narrow():
+        right, below = 0.12, below + (style.BAR_BELOW if run.dataset.sizes["time"] > 1 else 0.0)
+    inside = style.width() - left - right - gap[0] * (columns - 1)
+    panel = window * min(inside / columns / window[0], _TALLEST * style.scale() / rows / window[1])
+    # narrow panels leave room for the key beside them
+    free = inside - columns * panel[0]
+    beside = free > _KEY_WIDE
+    left += 0.0 if beside else free / 2
     inner = rows * panel[1] + (rows - 1) * gap[1]
 
-    above = style.head_height(run.title, run.status, style.WIDTH) + (0.3 if count > 1 else 0.22)
+    above = style.head_height(run.title, run.status, style.width()) + (0.3 if count > 1 else 0.22)
     tall = below + inner + above
-    figure = Figure(figsize=(style.WIDTH, tall))
+    figure = Figure(figsize=(style.width(), tall))
     style.head(figure, run.title, run.status)
     panels = []
     for place in range(count):
@@ -221,9 +244,9 @@ def _panels(
         axes.set_xlabel(across if row == rows - 1 else "")
         axes.set_ylabel(up if column == 0 else "")
         panels.append(axes)
-    right_of = left + columns * panel[0] + (columns - 1) * gap[0] + 0.15
-    style.narrow_time_bar(figure, run.dataset, right_of, below, inner)
-    return figure, panels
+    across = columns * panel[0] + (columns - 1) * gap[0]
+    style.time_bar_at(figure, run.dataset, Bbox.from_bounds(left, below, across, inner))
+    return figure, panels, beside
 
 
 def _extent(
@@ -239,7 +262,7 @@ def _extent(
     lacking = np.maximum(np.array([0.4, 0.2]) * (high - low).max() - (high - low), 0.0)
     low, high = low - lacking / 2, high + lacking / 2
     if scale > 0.0:
-        high[1] += _KEY / 5.0 * float((high - low).max())
+        high[1] += _KEY / (2.0 if style.narrow() else 5.0) * float((high - low).max())
     return low, high
 
 
@@ -248,12 +271,16 @@ def draw_close_up(run: Result) -> Figure:
     views = (ABOVE, SIDE, AHEAD) if is_spatial(run.dataset) else (SIDE,)
     members = [(label, each.dataset) for label, each in run.members]
     # planar runs are drawn next to each other, those in space below each other
-    shape = (len(members), len(views)) if len(views) > 1 else (1, len(members))
-    high = 2.5 * shape[0] if max(shape) > 1 else 4.2
-    figure = Figure(figsize=(style.WIDTH, 3.7 + high), layout="constrained")
+    shape = len(members), len(views)
+    turned = style.narrow() or len(views) == 1
+    down, across = shape[::-1] if turned else shape
+    high = 2.5 * down if max(shape) > 1 else 4.2
+    high = 1.2 + 2.2 * down if style.narrow() else high
+    figure = style.new_figure(3.7 + high)
     rows = figure.add_gridspec(2, 1, height_ratios=[high, 2.6])
-    panels = rows[0].subgridspec(*shape).subplots(squeeze=False).reshape(len(members), len(views))
-    misses = [miss(data) for _, data in members]
+    panels = rows[0].subgridspec(down, across).subplots(squeeze=False)
+    panels = panels.T if turned else panels
+    misses = [miss(run, data) for _, data in members]
     # each at its own scale, and the smaller window shown in the larger one
     halves = [1.1 * (largest(each) or 5e-4) for each in misses]
     for some, (label, each), off, half in zip(panels, run.members, misses, halves, strict=True):
@@ -267,13 +294,16 @@ def draw_close_up(run: Result) -> Figure:
                 window.set(zorder=4, label="window with control")
                 axes.add_patch(window)
         rms = float(np.sqrt(np.nanmean(np.sum(off[judged_or_all(each)] ** 2, axis=1))))
-        words = f"{label}: RMS" if label else "RMS"
-        some[0].set_title(f"{words} {length_unit(half).text(rms)}", loc="left")
-    style.time_bar(figure, run.dataset, ax=panels, label="time (s)", aspect=25)
+        words = [f"{label}:"] if label else []
+        between = "\n" if style.narrow() else " "
+        words.append(f"RMS {length_unit(half).text(rms)}")
+        some[0].set_title(between.join(words), loc="left")
+    side = {"location": "bottom"} if style.narrow() else {}
+    style.time_bar(figure, run.dataset, ax=panels, label="time (s)", aspect=25, **side)
     spectrum = figure.add_subplot(rows[1])
     draw_panel(spectrum, spectrum_panel(run))
     spectrum.set_xlabel("frequency (Hz)")
-    style.key_below(figure, panels.flat, "outside lower center")
+    style.key_of(figure, panels.flat)
     style.head(figure, run.title, run.status)
     return figure
 

@@ -8,13 +8,14 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from crinoid.results.result import Result
 from crinoid.results.scene.data import Point
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE, View
 from crinoid.results.units import largest
 from crinoid.view.figures import style
-from crinoid.view.figures.arm import Chosen, draw_arm, points_of
+from crinoid.view.figures.arm import Chosen, draw_arm, points_of, smooth_arm
 from crinoid.view.figures.perspective import draw_over_time
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
 
@@ -132,17 +133,22 @@ def draw_sheet(run: Result) -> Figure:
 
     count = len(run.members)
     alone = count == 1
-    block = fit(high - low, style.WIDTH - LEFT - _RIGHT, *((6.6, 2.5) if alone else (4.5, 2.2)))
-    below, between = 1.13, 0.95
-    above = style.head_height(run.title, run.status, style.WIDTH) + (0.26 if alone else 0.52)
+    left, right = (0.6, 0.12) if style.narrow() else (LEFT, _RIGHT)
+    room = style.width() - left - right
+    block = fit(high - low, room, *((6.6, 2.5) if alone else (4.5, 2.2)))
+    if style.narrow():  # no room for the view in perspective
+        block = fit(high - low, room, 4.0, 0.6)
+    below, between = 0.5, 0.95 * style.scale()
+    below += style.BAR_BELOW if style.narrow() else 0.0
+    above = style.head_height(run.title, run.status, style.width()) + (0.26 if alone else 0.52)
     inner = count * block.height + (count - 1) * between
-    figure = Figure(figsize=(style.WIDTH, below + inner + above))
+    figure = Figure(figsize=(style.width(), below + inner + above))
     style.head(figure, run.title, run.status)
 
     flat: list[Axes] = []
     for index, (label, _) in enumerate(run.members):
         foot = below + (count - 1 - index) * (block.height + between)
-        panels, corner = block.place(figure, LEFT, foot)
+        panels, corner = block.place(figure, left, foot)
         for view, axes in panels.items():
             frame(axes, view, low, high, block.inch, about)
             draw_arm(axes, run, index, (low, high), view)
@@ -151,19 +157,22 @@ def draw_sheet(run: Result) -> Figure:
         flat += panels.values()
         if label:
             (wide, tall), top_of = figure.get_size_inches(), foot + block.height + 0.24
-            place = LEFT / wide, top_of / tall
-            figure.text(*place, label, va="bottom", fontsize=9.5, fontweight="bold")
-        draw_over_time(corner, run.scene, run.scene.members[index], box)
-        style.narrow_time_bar(
-            figure, run.dataset, style.WIDTH - _RIGHT + 0.15, foot, float(block.extent[2])
-        )
+            place = left / wide, top_of / tall
+            figure.text(*place, label, va="bottom", fontsize="medium")
+        corner.set_axis_off()
+        if not style.narrow():
+            draw_over_time(corner, run.scene, smooth_arm(run.scene.members[index]), box)
+        if not (index < count - 1 and style.narrow()):
+            bar = Bbox.from_bounds(left, foot, room, float(block.extent[2]))
+            style.time_bar_at(figure, run.dataset, bar)
         if scale > 0.0 and index == 0:
             fastest = max(largest(each.instants) for some in currents.values() for each in some)
             # above the view from ahead, out to the edge of the page
-            right = style.WIDTH - LEFT - float(block.extent[0]) - GAP[0] - 0.15
-            head_at = np.array([low[1] + right / block.inch, high[2] + 0.11 / block.inch])
+            out = style.width() - left - float(block.extent[0]) - GAP[0] - 0.15
+            up = 0.38 if style.narrow() else 0.11
+            head_at = np.array([low[1] + out / block.inch, high[2] + up / block.inch])
             draw_key(panels[AHEAD], head_at, fastest, scale)
-    style.key_below(figure, flat)
+    style.key_of(figure, flat, "lower center")
     return figure
 
 
@@ -193,7 +202,7 @@ def frame(axes: Axes, view: View, low: Point, high: Point, inch: float, about: s
     across, up = measured_from(view, about)
     axes.set_xlabel("" if view is ABOVE else across)
     axes.set_ylabel("" if view is AHEAD else up)
-    axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
+    axes.set_title(view.name, loc="left", fontsize=style.small(), pad=4)
 
 
 def window(

@@ -1,9 +1,13 @@
 """How every figure looks: colours, type, and the frame around the panels."""
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from itertools import pairwise
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
@@ -13,7 +17,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import MaxNLocator
+from matplotlib.textpath import TextPath
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator
+from matplotlib.transforms import Bbox
 
 from crinoid.foundation.status import Status
 
@@ -30,18 +36,24 @@ PALE = "#DDE3E6"
 AXIS_COLOURS = {"x": GREEN, "y": PURPLE, "z": ORANGE}
 SERIES = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK, GREY)
 
-WIDTH = 7.4  # inches
+_SCREEN = 7.4  # inches, width of figures that are for no journal
+_NARROW = 5.0  # inches, width below which panels are below each other
+BAR_BELOW = 0.6  # inches, from the foot of panels to that of a bar below them
+_PRINTED: ContextVar[float | None] = ContextVar("printed", default=None)
+"""Width of the figures of a paper (inches); None on the screen."""
 _EDGE = 0.08  # inches, paper's edge to the title
 _LETTERS = 20  # of a line of a legend that lies within narrow axes
 _LINE = 0.185  # inches, a line of the title
 _KEY: Any = {"bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2, "borderpad": 0.1}
 _KEY |= {"columnspacing": 1.6, "handlelength": 1.9}
-_TITLE: Any = {"fontsize": 10.5, "fontweight": "bold"}
+_HANDLE = 3.5  # heights of letters that an entry of a legend has besides its words
+_TITLE: Any = {"fontsize": 10.5}
 
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 9.0,
+    "figure.labelsize": "medium",
     "axes.labelsize": 9.0,
     "axes.titlesize": 9.5,
     "axes.edgecolor": INK,
@@ -60,6 +72,7 @@ STYLE: Any = {
     "lines.linewidth": 1.3,
     "lines.solid_capstyle": "round",
     "pdf.fonttype": 42,  # whole fonts: publishers refuse type 3
+    "ps.fonttype": 42,
     "savefig.dpi": 200,
     "svg.fonttype": "none",  # text stays text
     "svg.hashsalt": "crinoid",  # the same figure gives the same file
@@ -72,6 +85,56 @@ STYLE: Any = {
     "text.usetex": False,
     "agg.path.chunksize": 10000,
 }
+_PAPER: Any = STYLE | {
+    **dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize"), 8.0),
+    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 7.0),
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.5),
+    "lines.linewidth": 1.0,
+    "grid.linewidth": 0.4,
+    "savefig.dpi": 600,
+}
+"""Style of the figures of a paper: in a journal, 7 to 8 pt."""
+
+
+@contextmanager
+def printed(width: float | None) -> Iterator[None]:
+    """Draw within the style: for the screen, or in a width (inches) for a paper, untitled."""
+    token = _PRINTED.set(width)
+    try:
+        with mpl.rc_context(_PAPER if width else STYLE):
+            yield
+    finally:
+        _PRINTED.reset(token)
+
+
+def width() -> float:
+    """Return the width of a figure (inches)."""
+    return _PRINTED.get() or _SCREEN
+
+
+def scale() -> float:
+    """Return the scale of heights and margins: figures of a paper are smaller."""
+    return 1.0 if _PRINTED.get() is None else 0.8 if narrow() else 0.9
+
+
+def narrow() -> bool:
+    """Whether figures are as narrow as a column of a journal."""
+    return width() < _NARROW
+
+
+def new_figure(tall: float) -> Figure:
+    """Return a figure of some height on the screen (inches), which lays out its panels."""
+    return Figure(figsize=(width(), scale() * tall), layout="constrained")
+
+
+def columns(wide: float, most: int) -> int:
+    """Return how many panels of a width (inches) at least are side by side."""
+    return max(1, min(most, int(width() / wide)))
+
+
+def small() -> float:
+    """Return the size of small letters (pt)."""
+    return 8.5 if _PRINTED.get() is None else 7.0
 
 
 def time_map() -> Colormap:
@@ -99,25 +162,58 @@ def time_bar(figure: Figure | SubFigure, data: xr.Dataset, title: str = "", **pl
     """Draw the colour bar of times at a place, if there is more than one time."""
     if data.sizes["time"] > 1:
         bar = figure.colorbar(ScalarMappable(time_norm(data["time"].values), time_map()), **place)
-        bar.ax.set_title(title, fontsize=8.5)
+        bar.ax.set_title(title, fontsize=small())
         bar.ax.grid(visible=False)
 
 
-def narrow_time_bar(
-    figure: Figure, data: xr.Dataset, left: float, foot: float, high: float
-) -> None:
-    """Draw the colour bar of times at a place in inches, if there is more than one time."""
+def time_bar_at(figure: Figure, data: xr.Dataset, panels: Bbox) -> None:
+    """Draw the colour bar of times right of panels (inches), or below in a narrow figure."""
+    wide, thick = (panels.width if narrow() else panels.height), 0.13 * scale()
+    place = panels.x1 + 0.15, panels.y0, thick, wide
+    look: Any = {}
+    if narrow():
+        place = panels.x0, panels.y0 - BAR_BELOW, wide, thick
+        look = {"orientation": "horizontal"}
     if data.sizes["time"] > 1:
-        ticks = MaxNLocator(max(2, min(6, int(high / 0.4))))
-        axes = add_axes(figure, left, foot, 0.13, high)
-        time_bar(figure, data, cax=axes, ticks=ticks, label="time (s)")
+        ticks = MaxNLocator(max(2, min(6, int(wide / 0.4))))
+        time_bar(figure, data, cax=add_axes(figure, *place), ticks=ticks, label="time (s)", **look)
 
 
-def key_below(figure: Figure, panels: Iterable[Axes], where: Any = "lower center") -> None:
-    """Put one legend of all panels at the foot of the page; outside: panels make room for it."""
+def key_of(figure: Figure, panels: Iterable[Axes], where: str = "outside lower center") -> None:
+    """Put one legend of all panels into a figure; see `key_with`."""
     found = [axes.get_legend_handles_labels() for axes in panels]
     entries = {label: handle for each in found for handle, label in zip(*each, strict=True)}
-    figure.legend(list(entries.values()), list(entries), loc=where, ncols=4, borderaxespad=0.3)
+    key_with(figure, list(entries.values()), where)
+
+
+def key_with(figure: Figure, handles: list[Any], where: str) -> None:
+    """Put a legend of some handles into a figure.
+
+    Outside of panels that lay themselves out these make room; else the figure grows at its foot.
+    """
+    words = [str(each.get_label()) for each in handles]
+    most = 1 if "right" in where else 4
+    place: Any = {"loc": where, "ncols": _columns(words, width() - 0.3, most), "borderaxespad": 0.3}
+    # of the figure even on a larger page
+    legend = figure.legend(handles=handles, bbox_to_anchor=(0.0, 0.0, 1.0, 1.0), **place)
+    if "lower" not in where or "outside" in where:
+        return
+    wide, tall = figure.get_size_inches()
+    more = legend.get_window_extent().height / figure.dpi + 0.05
+    figure.set_size_inches(wide, tall + more)
+    for axes in figure.axes:
+        left, low, right, high = axes.get_position().extents
+        ends = ((each * tall + more) / (tall + more) for each in (low, high))
+        axes.set_position(Bbox.from_extents(left, next(ends), right, next(ends)))
+    for text in figure.texts:
+        text.set_y((text.get_position()[1] * tall + more) / (tall + more))
+
+
+def _columns(words: Iterable[str], room: float, most: int) -> int:
+    """Return how many columns of a legend have room (inches), of at most some."""
+    size = small()
+    wide = [TextPath((0.0, 0.0), each, size=size).get_extents().width for each in words]
+    return max(1, min(most, len(wide), int(72 * room / (max(wide, default=0) + _HANDLE * size))))
 
 
 def head_of(figure: Figure, data: xr.Dataset, title: str = "") -> None:
@@ -127,12 +223,16 @@ def head_of(figure: Figure, data: xr.Dataset, title: str = "") -> None:
 
 
 def head(figure: Figure, title: str, status: str) -> None:
-    """Write the title, and under it what went wrong where something did; keep panels clear."""
+    """Write the title, and under it what went wrong where something did; keep panels clear.
+
+    Figures of a paper have no title.
+    """
     wide, tall = figure.get_size_inches()
     lines, notes = _head_lines(title, status, wide)
     x, y = _EDGE / wide, 1.0 - _EDGE / tall
     literal: Any = {"va": "top", "parse_math": False}
-    figure.text(x, y, "\n".join(lines), **literal, **_TITLE)
+    if lines:
+        figure.text(x, y, "\n".join(lines), **literal, **_TITLE)
     below = y - len(lines) * _LINE / tall
     figure.text(x, below, "\n".join(notes), **literal, color=VERMILLION)
     lay_out_below(figure, tall - head_height(title, status, wide))
@@ -151,7 +251,9 @@ def head_height(title: str, status: str, wide: float) -> float:
 
 
 def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[str]]:
-    lines = textwrap.wrap(title, int(10.5 * wide), max_lines=2, placeholder=" ...") or [" "]
+    lines = textwrap.wrap(title, int(11.5 * wide), max_lines=2, placeholder=" ...") or [" "]
+    if _PRINTED.get():
+        lines = []
     if Status.of(status) is Status.OK:
         return lines, []
     return lines, textwrap.wrap(status, int(11.5 * wide), max_lines=3, placeholder=" ...")
@@ -176,9 +278,37 @@ def key(axes: Axes, columns: int = 4, *, within: bool = False) -> None:
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     if entries:
-        words = [textwrap.fill(label, _LETTERS) if within else label for label in entries]
+        room = axes.bbox.width / axes.figure.dpi
+        letters = _LETTERS if within else int(72 * room / (0.6 * small())) - 4
+        words = [textwrap.fill(label, max(_LETTERS, letters)) for label in entries]
         corner: Any = "upper left" if within else "lower left"
-        axes.legend(list(entries.values()), words, loc=corner, ncols=columns, **_KEY)
+        most = columns if within else _columns(words, room, columns)
+        axes.legend(list(entries.values()), words, loc=corner, ncols=most, **_KEY)
+
+
+def space_numbers(figure: Figure) -> None:
+    """Write fewer numbers at axes where they would touch, and turn names."""
+    figure.draw_without_rendering()
+    for axis in [each for axes in figure.axes for each in (axes.xaxis, axes.yaxis)]:
+        labels = [each for each in axis.get_ticklabels() if each.get_visible() and each.get_text()]
+        boxes = [each.get_window_extent() for each in labels]
+        across = axis.axis_name == "x"
+        ends = sorted((box.intervalx if across else box.intervaly).tolist() for box in boxes)
+        room = figure.dpi * (small() / 216 if across else 0.0)  # a third of a letter
+        if not any(next_[0] - last[1] < room for last, next_ in pairwise(ends)):
+            continue
+        locator = axis.get_major_locator()
+        if isinstance(locator, LogLocator):
+            locator.set_params(subs=(1.0,), numticks=3)
+        elif isinstance(locator, FixedLocator):
+            axis.set_tick_params(labelrotation=45)
+        elif isinstance(locator, MaxNLocator):
+            axis.set_major_locator(MaxNLocator(max(1, len(labels) // 2), steps=[1, 2, 5, 10]))
+
+
+def wrap(words: str, panels: int = 1) -> str:
+    """Break words into lines that fit below one of some panels that are side by side."""
+    return textwrap.fill(words, int(72 * width() * 0.85 / panels / (0.55 * small())))
 
 
 def note(axes: Axes, text: str) -> None:

@@ -194,7 +194,7 @@ class CurrentArrows:
     def draw(self, axes: Axes, scale: float) -> None:
         """Draw the arrows at a scale (m/s per m) that all runs of a figure share."""
         if self.scale == 0.0:
-            axes.set_title("still water", loc="right", color=style.GREY, fontsize=8.5)
+            axes.set_title("still water", loc="right", color=style.GREY, fontsize=style.small())
             return
         if not np.allclose(self.instants, self.mean, atol=2e-2 * largest(self.instants)):
             start = np.broadcast_to(self.start, self.instants.shape)
@@ -211,7 +211,12 @@ def draw_key(axes: Axes, corner: Float[np.ndarray, "axis=2"], fastest: float, sc
     speed = round_down(0.85 * fastest)
     tail = corner - np.array([speed / scale, 0.0])
     _arrows(axes, tail[None], np.array([[speed, 0.0]]), scale)
-    look: Any = {"textcoords": "offset points", "ha": "right", "va": "center", "fontsize": 8.5}
+    look: Any = {
+        "textcoords": "offset points",
+        "ha": "right",
+        "va": "center",
+        "fontsize": style.small(),
+    }
     place = float(tail[0]), float(tail[1])
     axes.annotate(f"water {speed:g} m/s", place, (-5, 0), annotation_clip=False, **look)
 

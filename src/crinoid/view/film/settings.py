@@ -19,9 +19,9 @@ SPEEDS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
 """Simulated seconds in a second."""
 RAMPS = {
     "one": ("#3b2a6b", "#3a5a92", "#2b8593", "#35ac80", "#8fcf4e", "#f4dd3b"),
-    "two": ("#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"),
+    "two": ("#5e2b8a", "#a98bc6", "#d9dcdd", "#86bf7d", "#1d6b32"),
 }
-"""Colours along the arm of values with one sign, and with two."""
+"""Colours along the arm of values with one sign, and with two: neither of them those of a run."""
 FOLLOWED = ("none", "tip", "base")
 OTHER = ("ghost", "beside", "none")
 """Ways to draw the run without control."""

@@ -1,4 +1,4 @@
-"""Results in notebooks: a table of their numbers, a small animation, and plots.
+"""Results in notebooks: a small animation, a table of their main numbers, and plots.
 
 `crinoid.Result` imports it when it is displayed.
 """
@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from html import escape
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from crinoid.results.reading import with_shapes
 from crinoid.results.result import Result
@@ -32,22 +34,31 @@ from crinoid.view.figures.shape import ROWS, draw_lines
 from crinoid.view.figures.sheet import draw_in
 from crinoid.view.page.parts import list_of, table_of
 from crinoid.view.page.write import small_page_of
+from crinoid.view.refusals import width_of
 
 __all__ = ["Plots", "html_of"]
 
 
+class _Figure(Figure):  # is saved with whole fonts, as publishers ask for
+    def savefig(self, *args: Any, **options: Any) -> None:
+        with mpl.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):
+            super().savefig(*args, **options)
+
+
 @contextmanager
-def _axes(heights: list[float], given: Sequence[Axes] | None) -> Iterator[list[Axes]]:
+def _axes(
+    heights: list[float], given: Sequence[Axes] | None, wide: float | None
+) -> Iterator[list[Axes]]:
     """Yield the given axes, or new ones of some heights (inches), in the style of reports."""
     if given is not None and len(given) != len(heights):
         raise ValueError(f"ax: got {len(given)} axes; must be {len(heights)}, one for each panel")
     plt.draw_if_interactive()  # loads the backend, whose setting "interactive" has to stay
-    with mpl.rc_context(style.STYLE):
+    with style.printed(wide):
         if given is not None:
             yield list(given)
             return
-        size = style.WIDTH, 0.5 + sum(heights)
-        figure = plt.figure(figsize=size, layout="constrained")
+        size = style.width(), style.scale() * (0.5 + sum(heights))
+        figure = plt.figure(figsize=size, layout="constrained", FigureClass=_Figure)
         panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
         yield list(panels.flat)
 
@@ -68,10 +79,27 @@ class Plots:
     ----------
     result
         The result.
+    width
+        Width of new figures (inches), for a paper; None for the screen.
     """
 
-    def __init__(self, result: Result) -> None:
-        self._result = result
+    def __init__(self, result: Result, width: float | None = None) -> None:
+        self._result, self._width = result, width
+
+    def __call__(self, *, width: str) -> "Plots":
+        """Return plots for a paper, such as ``result.plot(width="85mm").tip_error()``.
+
+        Parameters
+        ----------
+        width
+            Width of new figures, of 60 to 500 mm: ``"85mm"``, ``"17.8cm"`` or ``"3.4in"``.
+
+        Raises
+        ------
+        ReportError
+            If it is no such width.
+        """
+        return Plots(self._result, width_of(width, "width"))
 
     def tip_error(self, ax: Axes | None = None) -> Axes:
         """Plot the distance of the tip from its target."""
@@ -200,7 +228,7 @@ class Plots:
                 raise ValueError(f"times: got {wanted.tolist()}; must be {must}")
             at = np.unique([np.abs(time - each).argmin() for each in wanted])
             data, chosen = data.isel(time=slice(at[0], at[-1] + 1)), at - at[0]
-        with _axes([5.0], None if ax is None else [ax]) as (axes,):
+        with _axes([5.0], None if ax is None else [ax], self._width) as (axes,):
             if colorbar:  # first, as it narrows the axes
                 style.time_bar(axes.figure, data, "t (s)", ax=axes, fraction=0.2)
             draw_in(axes, data, _VIEWS[view], chosen, legend)
@@ -227,7 +255,7 @@ class Plots:
         if of and of not in known:
             raise ValueError(f"of: {got(of, f'be {one_of(known)}')}")
         name = of or known[0]
-        with _axes([2.4], None if ax is None else [ax]) as (axes,):
+        with _axes([2.4], None if ax is None else [ax], self._width) as (axes,):
             draw_lines(axes, data, name)
             axes.set(xlabel="distance from the root (m)", ylabel=ROWS[name].replace("\n", " "))
             style.time_bar(axes.figure, data, "t (s)", ax=axes, fraction=0.2)
@@ -258,7 +286,7 @@ class Plots:
             raise ValueError(nothing)
         panels = [panel for panel in found.panels if only in ("", panel.name)]
         time = run.dataset["time"].values
-        with _axes([panel.tall for panel in panels], given) as drawn:
+        with _axes([panel.tall for panel in panels], given, self._width) as drawn:
             for axes, panel in zip(drawn, panels, strict=True):
                 if given is not None:  # which may be small
                     traces = tuple(replace(trace, summary="") for trace in panel.traces)
@@ -290,13 +318,15 @@ def html_of(result: Result) -> str:
     attributes = result.dataset.attrs
     title, status = (str(attributes.get(name, "")) for name in ("title", "status"))
     failed = f"<p>{escape(status)}</p>" if status and status != "ok" else ""
-    return f"<h3>{escape(title)}</h3>{failed}{_numbers(result)}{_animation(result)}"
+    return f"<h3>{escape(title)}</h3>{failed}{_animation(result)}{_numbers(result)}"
 
 
 def _numbers(result: Result) -> str:
     try:
-        still = result.dataset.sizes["time"] == 1
-        return table_of(equilibrium_summary(result) if still else summary(result))
+        if result.dataset.sizes["time"] == 1:
+            return table_of(equilibrium_summary(result))
+        short, whole = (table_of(summary(result, full=full)) for full in (False, True))
+        return f"{short}<details><summary>All numbers</summary>{whole}</details>"
     except Exception as error:  # a notebook would show a traceback and nothing else
         return _reason("no numbers", error)
 

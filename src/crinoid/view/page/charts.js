@@ -5,8 +5,9 @@ class Charts {
     this.panels = [];
     this.seek = seek;
     for (const chart of said.charts) {
-      const section = make("section", "chart", root);
-      make("h2", "", section, chart.title);
+      const section = make(chart.folded ? "details" : "section", "chart", root);
+      make(chart.folded ? "summary" : "h2", "", section, chart.title);
+      section.open = true; // until Bokeh has measured its place
       for (const panel of chart.panels) this.add(panel, section);
     }
     this.ready = this.draw(said.document);
@@ -16,6 +17,9 @@ class Charts {
   add(said, section) {
     const box = make("div", "panel", section), head = make("header", "", box);
     make("span", "label", head, said.unit ? `${said.label} (${said.unit})` : said.label);
+    const save = make("span", "save", head), button = (text, title, act) => Object.assign(make("button", "", save, text), { type: "button", title, onclick: act });
+    button("CSV", "Save the numbers of this chart", () => saved(new Blob([csvOf(panel)], { type: "text/csv" }), `${said.name}.csv`));
+    button("PNG", "Save a picture of this chart", async () => saved(await pictureOf(panel), `${said.name}.png`));
     const count = said.traces.length + said.rows.length, key = make("span", count > 2 ? "key many" : count > 1 ? "key" : "key one", head);
     const entries = [...said.traces, ...said.rows].map((trace) => {
       const filled = trace.line === "filled"; // one word for all of them
@@ -46,6 +50,13 @@ class Charts {
       panel.rows = panel.said.rows.map((_, i) => named(`row ${i}`));
     }
     this.recolour();
+    for (const folded of document.querySelectorAll("details.chart")) {
+      folded.open = false;
+      folded.addEventListener("toggle", () => { // the page may be wider now
+        for (const { view, plot } of this.panels) if (folded.contains(plot)) view.invalidate_layout();
+        setTimeout(() => this.go(this.time, true), 100);
+      });
+    }
   }
 
   recolour() {
@@ -129,4 +140,71 @@ class Charts {
 function valueAt({ t, v }, time, line) {
   const { at, share } = locate(t, time);
   return v[line !== "filled" && share > 0.5 ? at + 1 : at];
+}
+
+function saved(blob, name) {
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+// The numbers of a panel: traces of the same instants follow one column of these.
+function csvOf({ said, traces, rows, entries }) {
+  const quoted = (text) => `"${text.replaceAll('"', '""')}"`, unit = said.unit ? ` (${said.unit})` : "", columns = [];
+  rows.forEach(({ data_source: { data } }, i) => {
+    for (const [end, word] of [["left", "begin"], ["right", "end"]]) columns.push([`${entries[i].name}, ${word} (s)`, data[end]]);
+  });
+  let before;
+  traces.forEach(({ data_source: { data } }, i) => {
+    if (!before || data.t.length !== before.length || data.t.some((t, j) => t !== before[j])) columns.push([said.timed ? "time (s)" : "frequency (Hz)", data.t]);
+    before = data.t;
+    columns.push([`${entries[i].name}${unit}`, data.v]);
+  });
+  const lines = Array.from({ length: Math.max(...columns.map(([, values]) => values.length)) }, (_, j) => columns.map(([, values]) => (j < values.length && Number.isFinite(values[j]) ? Number(values[j].toPrecision(7)) : "")).join(","));
+  return [columns.map(([name]) => quoted(name)).join(","), ...lines, ""].join("\r\n");
+}
+
+const FINE = 3; // pixels of a picture for each on the screen
+const LINE_HEIGHT = 17;
+
+// A picture of a panel with its label, its key and its lower axis, which the page shows once for several panels.
+async function pictureOf({ said, view, entries }) {
+  const { model } = view, [axis] = model.below, { visible } = axis, { height: tall, min_border_bottom: room } = model;
+  const lay = async (shown, by) => {
+    axis.visible = shown;
+    model.setv({ height: tall + by, min_border_bottom: room + by });
+    await new Promise((done) => { setTimeout(done, 100); });
+  };
+  if (!visible) await lay(true, 18);
+  const image = new Image(), { width, height } = view.bbox, drawing = URL.createObjectURL(await view.export("svg").to_blob());
+  if (!visible) await lay(false, 0);
+  image.src = drawing;
+  await image.decode();
+  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), style = getComputedStyle(document.body);
+  const named = entries.filter(({ mark }) => mark.isConnected && entries.length > 1), font = `12px ${style.fontFamily}`, places = [];
+  pen.font = font;
+  let [x, y] = [0, LINE_HEIGHT];
+  for (const { name } of named) {
+    const wide = pen.measureText(name).width + 44;
+    if (x && x + wide > width) [x, y] = [0, y + LINE_HEIGHT];
+    places.push([x, y]);
+    x += wide;
+  }
+  const head = y + (named.length ? LINE_HEIGHT : 0) + 4;
+  Object.assign(canvas, { width: FINE * width, height: FINE * (head + height) });
+  pen.scale(FINE, FINE);
+  Object.assign(pen, { fillStyle: style.backgroundColor, font, textBaseline: "middle", lineWidth: 2 });
+  pen.fillRect(0, 0, width, head + height);
+  pen.fillStyle = style.color;
+  pen.fillText(`${said.unit ? `${said.label} (${said.unit})` : said.label} over ${said.timed ? "time (s)" : "frequency (Hz)"}`, 4, LINE_HEIGHT / 2 + 2);
+  named.forEach(({ name, mark }, i) => {
+    const [left, top] = places[i], middle = top + LINE_HEIGHT / 2;
+    pen.strokeStyle = mark.style.borderTopColor;
+    pen.setLineDash(mark.className === "dashed" ? [5, 3] : []);
+    pen.stroke(new Path2D(`M${left + 4} ${middle} h18`));
+    pen.fillText(name, left + 28, middle);
+  });
+  pen.drawImage(image, 0, head, width, height);
+  URL.revokeObjectURL(drawing);
+  return new Promise((done) => { canvas.toBlob(done); });
 }

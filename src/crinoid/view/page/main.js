@@ -124,13 +124,20 @@ class Page {
       };
       if (keys[event.key] && keys[event.key]()) event.preventDefault();
     });
-    const copy = this.byId("copy");
+    const copy = this.byId("copy"), save = this.byId("save");
+    if (save) save.addEventListener("click", () => saved(new Blob([this.byId("toml").textContent], { type: "application/toml" }), "scenario.toml"));
     if (copy) copy.addEventListener("click", async () => {
       try { await navigator.clipboard.writeText(this.byId("toml").textContent); copy.textContent = "Copied"; } catch { getSelection().selectAllChildren(this.byId("toml")); copy.textContent = "Selected"; }
     });
   }
 
   tools() {
+    const { threads } = this.scene.members[0], kinds = [...new Set(threads.map(({ kind }) => kind))];
+    for (const kind of kinds) {
+      const most = new Set(threads.filter((each) => each.kind === kind).map(({ largest }) => largest)), line = make("span", "drive", this.byId("hint"), "");
+      make("i", "", line).style.background = `var(--${kind})`;
+      line.append(`${kind}s, thickest at ${[...most].join(", ")}. `);
+    }
     const bar = this.byId("tools"), group = (label) => { const g = make("span", "group", bar); g.setAttribute("role", "group"); g.setAttribute("aria-label", label); return g; };
     const button = (parent, text, act, title) => { const b = make("button", "", parent, text); b.type = "button"; b.title = title; b.addEventListener("click", act); return b; };
     const views = group("View");
@@ -139,6 +146,7 @@ class Page {
     button(near, "−", () => this.zoom(1.25), "Smaller (-)");
     button(near, "+", () => this.zoom(0.8), "Larger (+)");
     this.choice(bar, "Follow", [["", "nothing"], ["tip", "tip"], ["root", "base"]], this.scene.follow, (value) => { this.scene.follow = value; this.scene.followed = undefined; });
+    if (this.scene.hulls.length) this.choice(bar, "Frame", [["arm", "arm"], ["all", "all"]], this.scene.framed, (value) => { this.scene.frame(value); this.preset(this.scene.camera.preset || "side"); });
     if (this.scene.fields.length) {
       const fields = this.scene.fields.map(({ name, label }) => [name, label]);
       this.choice(bar, "Colour", [...fields, ["", "plain"]], this.scene.colour, (value) => { this.scene.colour = value; this.scene.recolour(); });
@@ -222,6 +230,13 @@ class Page {
     scale.hidden = false;
     scale.firstElementChild.style.width = `${long * pixels}px`;
     scale.lastElementChild.textContent = long >= 1 ? `${long} m` : long >= 0.01 ? `${+(100 * long).toPrecision(2)} cm` : `${+(1000 * long).toPrecision(2)} mm`;
+    const { water } = scene, speed = this.byId("speeds");
+    speed.hidden = !water;
+    if (water) { // an arrow of a round speed
+      const fast = nice((90 / pixels) * water.scale);
+      speed.firstElementChild.style.width = `${(fast / water.scale) * pixels}px`;
+      speed.lastElementChild.textContent = `water ${+fast.toPrecision(2)} m/s`;
+    }
     const field = scene.fields.find((each) => each.name === scene.colour), legend = this.byId("legend");
     legend.hidden = !field;
     if (field) {

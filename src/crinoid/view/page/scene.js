@@ -5,6 +5,8 @@ class Member {
     Object.assign(this, said);
     for (const name of ["root", "offset", "target", "anchor", "ahead", "frame", "held"]) this[name] = numbers(bytes, said[name]);
     this.fields = Object.fromEntries(Object.entries(said.fields).map(([name, where]) => [name, numbers(bytes, where)]));
+    this.threads = said.threads.map((thread) => ({ ...thread, share: numbers(bytes, thread.share) }));
+    this.director = said.director && numbers(bytes, said.director);
     this.bodies = said.bodies.map((body) => ({ ...body, path: numbers(bytes, body.path), half: numbers(bytes, body.half), solid: body.points && solid(numbers(bytes, body.points).values, numbers(bytes, body.facets).values) }));
     this.axes = spatial ? [0, 1, 2] : [0, 2];
     this.points = new Float32Array(3 * this.nodes);
@@ -30,6 +32,7 @@ class Member {
       at, share, root: [...root], target: [...read(this.target)], anchor: [...read(this.anchor)],
       ahead: V.unit(read(this.ahead)), frame: [0, 1, 2].map(column), held: this.held.values[at] > 0.5,
       tip: [0, 1, 2].map((d) => this.points[3 * this.nodes - 3 + d]),
+      shares: this.threads.map((thread) => read(thread.share)[0]), director: this.director && read(this.director),
       bodies: this.bodies.map((body) => [body.path, body.half].map((each) => [...between(each, at, share, new Float32Array(3))])),
     };
   }
@@ -47,6 +50,7 @@ class Scene {
     this.other = this.members.length > 1 ? "ghost" : "none";
     this.window();
     this.camera = new Camera(this.low, this.high, this.cloud);
+    this.frame(this.hulls.length && this.members[0].sizes.hull[0] < 0.5 * this.length ? "all" : "arm");
     this.recolour();
   }
 
@@ -64,6 +68,7 @@ class Scene {
     this.follow = this.far ? "root" : "";
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
     this.cloud = [];
+    this.hulls = []; // points around the submarine
     const hold = (seen, by = 0, drift = [0, 0, 0]) => {
       const point = V.sub(seen, drift);
       point.forEach((p, d) => { low[d] = Math.min(low[d], p - by); high[d] = Math.max(high[d], p + by); });
@@ -76,8 +81,11 @@ class Scene {
         const drift = this.far ? V.sub(member.now.root, this.begun) : [0, 0, 0];
         for (let i = 0; i < member.nodes; i += Math.max(1, Math.floor(member.nodes / 20))) hold([0, 1, 2].map((d) => member.points[3 * i + d]), member.diameter[i] / 2, drift);
         hold(member.now.tip, member.diameter[member.nodes - 1] / 2, drift);
-        hold(member.now.target, 0, drift);
+        if (member.aims) hold(member.now.target, 0, drift);
         hold(member.now.anchor, 0.05 * this.length, drift);
+        if (!member.sizes.hull) continue;
+        const { middle, axes } = this.hullOf(member);
+        for (const axis of axes) for (const way of [-1, 1]) this.hulls.push(V.sub(V.add(middle, V.by(axis, way)), drift));
       }
     }
     const near = ROOM * this.length, a = low.map((p) => p - near), b = high.map((p) => p + near);
@@ -106,6 +114,12 @@ class Scene {
     return V.sub(point, V.by(plane.out, V.dot(V.sub(point, at), plane.out)));
   }
 
+  // Choose whether views hold the submarine ("all"), or the arm and a part of it ("arm").
+  frame(framed) {
+    this.framed = framed;
+    this.camera.cloud = framed === "all" ? [...this.cloud, ...this.hulls] : this.cloud;
+  }
+
   // Show everything from a direction.
   look(name, aspect) {
     this.camera.fit(name, aspect);
@@ -115,7 +129,7 @@ class Scene {
   // Colours from the style sheet, which knows whether it is dark.
   recolour() {
     const style = getComputedStyle(document.documentElement), read = (name) => rgb(style.getPropertyValue(`--${name}`).trim());
-    this.tones = Object.fromEntries(["ink", "soft", "run", "free", "faint", "accent", "line"].map((name) => [name, read(name)]));
+    this.tones = Object.fromEntries(["ink", "soft", "run", "free", "faint", "water", "chamber", "tendon"].map((name) => [name, read(name)]));
     this.dark = matchMedia("(prefers-color-scheme: dark)").matches;
     this.hull = this.dark ? [0.3, 0.36, 0.4] : [0.78, 0.82, 0.84];
     this.steel = this.dark ? [0.55, 0.61, 0.65] : [0.46, 0.52, 0.56];
@@ -161,9 +175,10 @@ class Scene {
     const alone = main > 0, coloured = this.colour !== "" && member.fields[this.colour] !== undefined;
     const tone = [...(alone ? tones.free : tones.run), 1];
     paint.draw(this.arms[main], placed([1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]), tone, { coloured });
+    this.threads(member);
     if (now.held && member.tool !== null) this.tool(member);
     this.trail(member, time, alone ? tones.free : tones.run);
-    this.aim(now.target, member);
+    if (member.aims) this.aim(now.target, member);
     this.flow(time);
     for (const i of ghosts) {
       const other = this.members[i];
@@ -191,21 +206,54 @@ class Scene {
   // The submarine or the plate of another base, the boom that servos shift, the joint and the clamp.
   mount(member) {
     const { paint, length } = this, { anchor, root, ahead, frame } = member.now, { hull, base, boom, joint, clamp } = member.sizes;
-    const inside = (v) => V.add(V.add(V.by(frame[0], v[0]), V.by(frame[1], v[1])), V.by(frame[2], v[2]));
-    const out = inside(member.out), grey = [...this.hull, 1], steel = [...this.steel, 1];
-    if (member.capsule) {
-      const [half, radius] = hull, [nose, way] = member.capsule === "held" ? [root, ahead] : [anchor, V.unit(out)];
-      const ends = [radius, radius + 2 * half].map((back) => V.sub(nose, V.by(way, back)));
-      if (half > 0) this.rod(ends[1], ends[0], radius, grey);
-      for (const end of ends) this.ball(end, radius, grey);
-    } else if (base) this.rod(V.sub(anchor, V.by(out, 2)), anchor, base[1], grey);
-    else paint.draw(paint.meshes.ball, placed(V.by(frame[0], hull[0]), V.by(frame[1], hull[1]), V.by(frame[2], hull[1]), V.sub(anchor, out)), grey);
+    const grey = [...this.hull, 1], steel = [...this.steel, 1];
+    if (base) this.rod(V.sub(anchor, V.by(this.outOf(member), 2)), anchor, base[1], grey);
+    else {
+      const { middle, axes } = this.hullOf(member), along = V.by(V.unit(axes[0]), hull[0]);
+      if (member.capsule) {
+        const ends = [V.add(middle, along), V.sub(middle, along)];
+        if (hull[0] > 0) this.rod(...ends, hull[1], grey);
+        for (const end of ends) this.ball(end, hull[1], grey);
+      } else paint.draw(paint.meshes.ball, placed(...axes, middle), grey);
+    }
     if (boom && V.size(V.sub(root, anchor)) > 1e-6) this.rod(anchor, root, boom[1], steel);
     this.ball(root, joint[1], steel);
     this.rod(root, V.add(root, V.by(ahead, 2 * clamp[0])), clamp[1], steel);
     const rails = member.rails.map(([axis, low, high]) => [V.add(anchor, V.by(frame[axis], low)), V.add(anchor, V.by(frame[axis], high))])
       .filter(([p, q]) => V.size(V.sub(p, q)) < 3 * length);
     paint.lines(rails.map(([p, q]) => [p, q, [...this.tones.soft, 0.5]]), 1.5);
+  }
+
+  // The way from the middle of the base or hull to where the arm leaves it.
+  outOf({ out, now: { frame } }) {
+    return [0, 1, 2].reduce((sum, i) => V.add(sum, V.by(frame[i], out[i])), [0, 0, 0]);
+  }
+
+  // The middle of the submarine, and its axes, each of half its length.
+  hullOf(member) {
+    const { capsule, now: { anchor, root, ahead, frame }, sizes: { hull: [half, radius] } } = member, out = this.outOf(member);
+    if (!capsule) return { middle: V.sub(anchor, out), axes: frame.map((axis, i) => V.by(axis, i ? radius : half)) };
+    const [nose, way] = capsule === "held" ? [root, ahead] : [anchor, V.unit(out)], y = V.aside(way);
+    return { middle: V.sub(nose, V.by(way, half + radius)), axes: [V.by(way, half + radius), V.by(y, radius), V.by(V.cross(way, y), radius)] };
+  }
+
+  // Chambers and tendons, the thicker the more they press or pull.
+  threads({ threads, nodes, points, diameter, now, sizes }) {
+    const { paint, tones } = this, { eye } = paint.view, hidden = Math.ceil(((2 * sizes.clamp[0]) / this.length) * (nodes - 1)), at = (i) => [points[3 * i], points[3 * i + 1], points[3 * i + 2]];
+    threads.forEach(({ kind, first, offset, pair }, n) => {
+      for (const side of pair ? [1, -1] : [1]) {
+        const begin = Math.max(first, hidden), path = offset.slice(begin - first).map(([a, b], j) => {
+          const i = begin + j, ahead = V.unit(V.sub(at(Math.min(i + 1, nodes - 1)), at(Math.max(i - 1, 0))));
+          const m = now.director ? [...now.director.slice(3 * i, 3 * i + 3)] : [-ahead[2], 0, ahead[0]];
+          const p = V.add(at(i), V.by(V.add(V.by(m, a), V.by(V.cross(ahead, m), b)), side));
+          return V.add(p, V.by(V.unit(V.sub(eye, p)), diameter[i])); // before the arm's surface
+        });
+        const share = Math.min(1, Math.max(0, side * now.shares[n]));
+        const lines = (ink, wide) => paint.lines(path.slice(1).map((p, j) => [path[j], p, ink]), wide);
+        lines([1, 1, 1, 1], 2.5 + 5 * share);
+        lines([...tones[kind], 1], 1 + 5 * share);
+      }
+    });
   }
 
   ball(at, radius, colour) {
@@ -269,7 +317,7 @@ class Scene {
   flow(time) {
     if (!this.water) return;
     const { at, share } = locate(this.members[0].time, time), v = between(this.velocity, at, share, new Float32Array(this.velocity.row));
-    const tone = this.tones.accent, pieces = [], { paint, length } = this;
+    const tone = this.tones.water, pieces = [], { paint, length } = this;
     const along = this.far ? V.sub(this.members[0].now.root, this.mean) : [0, 0, 0];
     this.water.start.forEach((begin, i) => {
       const start = V.add(begin, along);

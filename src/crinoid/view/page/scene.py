@@ -86,6 +86,7 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
     bodies = {each.name: each for each in rigid_bodies(scene, each) if each.kind != "obstacle"}
     base = bodies["hull" if mount.has_hull else "base"]
     still = bool(np.ptp(target, axis=0).max() < 1e-6)
+    director = None if each.director is None else pack.add(each.director, 1 / 120, -1.0)
     return {
         "label": each.label,
         "time": [round(float(t), 6) for t in each.time],
@@ -105,6 +106,14 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
         "out": (mount.attitude[0].T @ (mount.anchor[0] - base.position[0])).tolist(),
         "tool": None if each.tool is None else each.tool.offset,
         "held": pack.add(each.held.astype(float), 1.0, 0.0),
+        "aims": scene.aims,
+        "director": director,
+        "threads": [
+            {"kind": line.kind, "first": line.first, "last": line.last, "pair": line.pair}
+            | {"offset": np.round(line.offset, 6).tolist(), "largest": line.largest}
+            | {"share": pack.add(line.share, 1 / _LEVELS)}
+            for line in each.threads
+        ],
     }
 
 
@@ -132,6 +141,8 @@ def still_of(scene: Scene) -> str:
         f'stroke-width="{9 if opacity == 1.0 else 4}" points="{drawing.svg_points(shape)}"/>'
         for kind, opacity, shape in lines
     ]
+    if not scene.aims:
+        return drawing.text("The arm over time", drawn)
     x, y = drawing.svg_points(target[None]).split(",")
     ring = f'<circle class="target" cx="{x}" cy="{y}" r="14" stroke-width="4"/>'
     return drawing.text("The arm over time, and its target", [*drawn, ring])

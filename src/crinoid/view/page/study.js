@@ -1,6 +1,7 @@
 // Page of a study: a table of its cases, and their measures over the varied keys.
 
 const ROWS = 200; // of the table, until a click shows all
+const MEASURES = 8; // columns of the table, until a click shows all
 const NEAR = 18; // distance in pixels within which a point is selected
 
 const withUnit = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
@@ -30,6 +31,7 @@ class StudyPage {
     this.table();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.colour());
     this.byId("only").lastElementChild.addEventListener("click", () => this.filter());
+    this.byId("columns").lastElementChild.addEventListener("click", () => { this.whole = true; this.table(); });
     this.byId("more").lastElementChild.addEventListener("click", () => { this.most = Infinity; this.table(); });
     document.documentElement.dataset.ready = "yes";
   }
@@ -219,6 +221,10 @@ class StudyPage {
     if (cases) this.byId("heading").scrollIntoView({ block: "start" });
   }
 
+  hides({ measure }) {
+    return measure && !this.whole && measure !== this.measure && this.measures.indexOf(measure) >= MEASURES;
+  }
+
   sorted() {
     const { of } = this.columns[this.order.column], sign = this.order.down ? -1 : 1, cases = this.some ? [...this.some] : [...this.names.keys()];
     const lacks = (value) => value === null || value === undefined;
@@ -234,6 +240,7 @@ class StudyPage {
     root.replaceChildren();
     const heads = make("tr", "", make("thead", "", root));
     this.columns.forEach((column, at) => {
+      if (this.hides(column)) return;
       const head = make("th", "", heads), button = make("button", "", head, column.label), chosen = this.order.column === at;
       head.scope = "col";
       head.ariaSort = chosen ? (this.order.down ? "descending" : "ascending") : "none";
@@ -244,7 +251,9 @@ class StudyPage {
     });
     const body = make("tbody", "", root);
     for (const i of order.slice(0, this.most)) this.row(i, body);
-    const only = this.byId("only"), more = this.byId("more");
+    const only = this.byId("only"), more = this.byId("more"), columns = this.byId("columns"), hidden = this.columns.filter((column) => this.hides(column)).length;
+    columns.hidden = !hidden;
+    columns.firstElementChild.textContent = `${this.measures.length - hidden} of ${this.measures.length} measures are shown.`;
     only.hidden = !this.some;
     if (this.some) only.firstElementChild.textContent = this.told(this.some);
     more.hidden = order.length <= this.most;
@@ -255,6 +264,7 @@ class StudyPage {
     const row = make("tr", this.status[i] === "ok" ? "" : "bad", body);
     row.dataset.case = i;
     this.columns.forEach((column, at) => {
+      if (this.hides(column)) return;
       const cell = make("td", column.measure && column.measure === this.measure ? "shown" : "", row), text = column.text ? column.text(i) : column.of(i);
       if (at || !this.pages[i]) { cell.textContent = text; return; }
       make("a", "", cell, text).href = this.pages[i];

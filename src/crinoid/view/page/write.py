@@ -1,6 +1,5 @@
 """Page of a run: one file with its animation, charts and tables."""
 
-import re
 from html import escape
 from pathlib import Path
 from string import Template
@@ -15,6 +14,7 @@ from crinoid.scenario import ScenarioError
 from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.page import parts
 from crinoid.view.page.plots import plots_of
+from crinoid.view.page.repeat import SAVED, repeat_command
 from crinoid.view.page.scene import page_scene, scene_of, still_of
 
 LARGEST = 800_000  # most characters
@@ -63,20 +63,16 @@ def page_of(run: Result) -> str:
     Texts of the user are escaped, and scripts are allowed by their digests only.
     """
     still = run.dataset.sizes["time"] == 1
-    plots = plots_of([] if still else [chart for _, chart in charts_of(run)], *_span(run))
+    charts = [] if still else [chart for _, chart in charts_of(run)]
+    begin, end = _span(run)
+    plots = plots_of(charts, begin, end, run.known_scenario.arm.length)
     texts, left_out = _animation(run, page_scene(run), plots.charts)
     attributes = run.dataset.attrs
     scenario = str(attributes.get("scenario", ""))
     if len(scenario) > _LONGEST:
         left_out.append(f"The scenario is cut off after {_LONGEST} characters.")
     failed = run.ended is not Status.OK
-    try:
-        found = equilibrium_summary(run) if still else summary(run)
-        numbers = f'<div class="scroll numbers">{parts.table_of(found)}</div>'
-    except (LookupError, ValueError, ScenarioError):
-        numbers = "<p>The result lacks variables of the summary.</p>"
     kind = "arm in space" if run.dataset.sizes["axis"] == 3 else "planar arm"
-    begin, end = _span(run)
     lasts = "one instant" if still else f"{end - begin:g} s"
     words = [kind, f"{run.dataset.sizes['node']} nodes", lasts]
     words += [] if run.uncontrolled is None else ["with and without control"]
@@ -84,8 +80,8 @@ def page_of(run: Result) -> str:
         title=escape(run.title),
         subtitle=escape(" · ".join(words)),
         status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
-        metrics=f"<h2>Numbers</h2>{numbers}",
-        notes=parts.list_of("Notes", run.notes),
+        metrics=_numbers(run),
+        notes=parts.list_of("Notes", list(dict.fromkeys(run.notes))),
         scenario=escape(scenario[:_LONGEST]),
         facts=_facts(run),
         left_out=parts.list_of("What was left out", [*run.left_out, *left_out, *plots.left_out]),
@@ -98,10 +94,25 @@ def page_of(run: Result) -> str:
     return parts.html_page(body, scripts, title=run.title, version=version)
 
 
+def _numbers(run: Result) -> str:
+    """Return the main numbers of a run in HTML, and all of them folded away."""
+    still = run.dataset.sizes["time"] == 1
+    try:
+        found = equilibrium_summary(run) if still else summary(run)
+        whole = found if still else summary(run, full=True)
+    except (LookupError, ValueError, ScenarioError):
+        return "<h2>Numbers</h2><p>The result lacks variables of the summary.</p>"
+    short, full = (
+        f'<div class="scroll numbers">{parts.table_of(each)}</div>' for each in (found, whole)
+    )
+    more = "" if still else f"<details><summary>All numbers</summary>{full}</details>"
+    return f"<h2>Numbers</h2>{short}{more}"
+
+
 def _facts(run: Result) -> str:
-    attributes, words = run.dataset.attrs, re.sub(r"[^a-z0-9]+", "-", run.title.lower())
-    name = words.strip("-")[:40].strip("-") or "scenario"
+    attributes = run.dataset.attrs
     spent = attributes.get("wall_time")
+    command, saved = repeat_command(run)
     facts: dict[str, Any] = {
         "crinoid": attributes.get("crinoid_version", "unknown"),
         "seed": attributes.get("seed", "unknown"),
@@ -110,10 +121,5 @@ def _facts(run: Result) -> str:
         "saved instants": run.dataset.sizes["time"],
     }
     rows = "".join(f"<tr><td>{k}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
-    rests = run.dataset.sizes["time"] == 1 and run.ended is Status.OK
-    verb = "equilibrium" if rests else "run"
-    command = f"crinoid {verb} {name}.toml --out results/{name}"
-    return (
-        f"{rows}<tr><td>to repeat it</td><td>save the scenario above as {name}.toml, then "
-        f"<code>{command}</code></td></tr>"
-    )
+    before = f"save the scenario above as {SAVED}, then " if saved else ""
+    return f"{rows}<tr><td>to repeat it</td><td>{before}<code>{escape(command)}</code></td></tr>"

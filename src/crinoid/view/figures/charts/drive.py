@@ -1,6 +1,7 @@
 """Charts of servos, of the load on the base, and of energies."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -9,6 +10,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import ANGLES, CHANNEL_TABLE
+from crinoid.results.drives import ActuatorDrive, actuator_drives, drive_unit
 from crinoid.results.result import Result
 from crinoid.results.scene.data import base_word, is_spatial
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
@@ -94,8 +96,12 @@ ABOUT = {channel.name: channel.axis for channel in CHANNEL_TABLE}
 """The axis that a channel moves along or turns about, which it has the colour of."""
 _FEW = 5  # actuators of a panel up to which each has its name in the key
 THROUGH = "... "  # before the name of the last of many actuators, only two of which are in the key
-_DRIVES = ("actuator_state", "actuator_command")
-_SMALL = 1e-3  # share below which it is written with a power of ten
+_LABELS = {
+    "Pa": "pressure of\nchambers",
+    "m3": "volume into\nchambers",
+    "N": "tension of\ntendons",
+    "m": "tendons\npulled in",
+}
 _STILL = 1e-9  # m or rad: less is no motion that anyone ordered
 _COMMANDS: tuple[tuple[str, Literal["dashed"]], ...] = (("commands", "dashed"),)
 _NEAR = 0.1  # distance up to which the end of a travel is drawn, of the height of the panel
@@ -112,49 +118,40 @@ def drive_chart(run: Result) -> Chart:
         shifts = [channel for channel in channels if channel not in ANGLES]
         turns = [channel for channel in channels if channel in ANGLES]
         groups, tall = [group for group in (shifts, turns) if group], 1.9
-    units = _actuator_units(run.dataset)
+    drives: dict[tuple[str, str], list[ActuatorDrive]] = {}
+    for each in actuator_drives(run):
+        drives.setdefault((each.kind, each.unit), []).append(each)
     panels = [
         *(_group(run.dataset, group, tall) for group in groups),
-        *(_actuators(run.dataset, unit, tall) for unit in units),
+        *(
+            _actuators(f"actuators_{index}", each, run.dataset, tall)
+            for index, each in enumerate(drives.values())
+        ),
         _load(run, "base_force", "force", "N", tall),
         _load(run, "base_moment", "moment", "N m", tall),
     ]
-    still = "" if groups or units else "the base is held still: no channel moves"
+    still = "" if groups or drives else "the base is held still: no channel moves"
     return Chart("commands", "Base and actuators", tuple(panels), still)
 
 
-def _actuator_units(data: xr.Dataset) -> list[str]:
-    if "actuator_state" not in data:
-        return []
-    return list(dict.fromkeys(map(str, data["input_unit"].values)))
-
-
-def _actuators(data: xr.Dataset, unit: str, tall: float) -> Panel:
-    """Return the panel of actuators of one unit: states as lines, commands dashed."""
-    names = [str(name) for name in data["input"].values[data["input_unit"].values == unit]]
-    time, few = data["time"].values, len(names) <= _FEW
-    drawn = drawn_in(unit, largest(*(data[each].sel(input=names).values for each in _DRIVES)))
+def _actuators(name: str, drives: Sequence[ActuatorDrive], data: xr.Dataset, tall: float) -> Panel:
+    """Return the panel of actuators of one kind and unit: states as lines, commands dashed."""
+    time, few = data["time"].values, len(drives) <= _FEW
+    most = largest(*(part for each in drives for part in (each.state, each.command)))
     traces, commanded = [], False
-    for index, name in enumerate(names):
-        role = f"part {index / max(1, len(names) - 1):g}"
-        state, command = (data[each].sel(input=name).values for each in _DRIVES)
-        quiet = not few and 0 < index < len(names) - 1
-        shown = name if few or not index else f"{THROUGH}{name}" if not quiet else name
-        traces.append(Trace(shown, time, state, role, quiet=quiet))
-        if largest(command) > _STILL:
-            words = f"{name}, command"
-            traces.append(Trace(words, time, command, role, "dashed", quiet=True))
+    for index, each in enumerate(drives):
+        role = f"part {index / max(1, len(drives) - 1):g}"
+        quiet = not few and 0 < index < len(drives) - 1
+        shown = each.name if few or not index or quiet else f"{THROUGH}{each.name}"
+        traces.append(Trace(shown, time, each.state, role, quiet=quiet))
+        if largest(each.command) > _STILL:
+            words = f"{each.name}, command"
+            traces.append(Trace(words, time, each.command, role, "dashed", quiet=True))
             commanded = True
-    name, also = f"actuators_{_actuator_units(data).index(unit)}", _COMMANDS if commanded else ()
-    return Panel(name, "actuators", drawn, tuple(traces), tall=tall, also=also)
-
-
-def drawn_in(unit: str, most: float) -> Unit:
-    """Return the unit in which drives are drawn, for shares with a power of ten."""
-    if unit != "1":
-        return si_unit(most, unit)
-    power = math.floor(math.log10(most)) if 0.0 < most < _SMALL else 0
-    return Unit(10.0**-power, f"{power_of_ten(power)} of share" if power else "share")
+    label, unit = _LABELS.get(drives[0].unit, "actuators"), drive_unit(drives[0].unit, most)
+    label = "actuators" if drives[0].kind == "actuator" else label
+    also = _COMMANDS if commanded else ()
+    return Panel(name, label, unit, tuple(traces), tall=tall, also=also)
 
 
 def moving_channels(data: xr.Dataset) -> list[str]:

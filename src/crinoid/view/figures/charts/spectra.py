@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -12,7 +13,7 @@ from crinoid.results.errors import error_word, judged_or_all
 from crinoid.results.result import Result
 from crinoid.results.scene.data import base_word, in_space
 from crinoid.results.scene.mount import Path
-from crinoid.results.units import Unit, largest, length_unit, si_unit
+from crinoid.results.units import Unit, largest, length_unit, si_unit, without_round_off
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Panel, Series, Trace
 
 _LEAST_RECORDS = 16
@@ -21,9 +22,10 @@ _DECADES = 6  # of a spectral density, from its top
 Frequencies = Float[np.ndarray, " frequency"]
 
 
-def miss(data: xr.Dataset) -> Path:
-    """Return the displacement of the tip from its target (m)."""
-    return in_space(data, "tip_position") - in_space(data, "tip_target")
+def miss(run: Result, data: xr.Dataset) -> Path:
+    """Return the displacement of the tip from its target in one of the members of a run (m)."""
+    off = in_space(data, "tip_position") - in_space(data, "tip_target")
+    return without_round_off(off, run.known_scenario.arm.length)
 
 
 def fluctuation_spectrum(
@@ -55,7 +57,7 @@ def spectrum_panel(run: Result) -> Panel:
     """Return the spectral density of the tip's error, with and without control."""
     word = error_word(run.known_scenario)
     panel = Panel("tip_spectrum", f"density of\n{word}", tall=2.6)
-    return _panel(run, panel, miss, length_unit, word, "the tip does not move")
+    return _panel(run, panel, partial(miss, run), length_unit, word, "the tip does not move")
 
 
 def load_chart(run: Result) -> Chart | None:

@@ -11,7 +11,7 @@ from crinoid.foundation.axes import AXES
 from crinoid.results.errors import error_word, judged_or_all, off_direction
 from crinoid.results.result import Result
 from crinoid.results.scene.scene import CALM
-from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
+from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit, without_round_off
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, ZERO, Chart, Level, Panel, Trace, rms
 
 _ROOM = 1.08  # of an axis, above the largest value
@@ -34,14 +34,18 @@ def tip_chart(run: Result) -> Chart:
 
 
 def _error(run: Result) -> Panel:
-    unit = length_unit(largest(*(each.dataset["tip_error"].values for _, each in run.members)))
+    errors = [
+        without_round_off(each.dataset["tip_error"].values, run.known_scenario.arm.length)
+        for _, each in run.members
+    ]
+    unit = length_unit(largest(*errors))
     scenario = run.known_scenario
     tolerance = scenario.target.tolerance
     traces = []
     levels = [] if tolerance is None else [Level(tolerance, "ink")]
     # the run without control is drawn behind, as the reference
-    for (label, each), role in zip(run.members, MEMBER_ROLES, strict=False):
-        data, values = each.dataset, each.dataset["tip_error"].values
+    for (label, each), values, role in zip(run.members, errors, MEMBER_ROLES, strict=False):
+        data = each.dataset
         judged = values[judged_or_all(each)]
         mean = rms(judged)
         summary = f"RMS {unit.text(mean)} (dashed), maximum {unit.text(largest(judged))}"
@@ -51,15 +55,20 @@ def _error(run: Result) -> Panel:
         behind = role == "free"
         traces.append(Trace(label, _time(data), values, role, behind=behind, summary=summary))
         levels.append(Level(mean, role, "dashed"))
-    high = None if largest(run.dataset["tip_error"].values) > 0 else 1.0 / unit.factor
+    high = None if largest(*errors) > 0 else 1.0 / unit.factor
     panel = replace(_ERROR, label=error_word(scenario), unit=unit, high=high)
     aside = scenario.judged_from or None
     return replace(panel, traces=tuple(traces), levels=tuple(levels), aside=aside)
 
 
 def _components(run: Result) -> Panel:
+    length = run.known_scenario.arm.length
     misses = [
-        (label, data, data["tip_position"].values - data["tip_target"].values)
+        (
+            label,
+            data,
+            without_round_off(data["tip_position"].values - data["tip_target"].values, length),
+        )
         for label, data in ((label, each.dataset) for label, each in run.members)
     ]
     unit = length_unit(largest(*(miss for _, _, miss in misses)))
@@ -71,7 +80,9 @@ def _components(run: Result) -> Panel:
             traces.append(Trace(name, _time(data), miss[:, part], axis, behind=behind))
     columns = 2 if len(misses) > 1 else len(AXES[3])
     label = _MISS.label if run.known_scenario.aims else "tip \N{MINUS SIGN} start"
-    return replace(_MISS, label=label, unit=unit, traces=tuple(traces), columns=columns)
+    panel = replace(_MISS, label=label, unit=unit, traces=tuple(traces), columns=columns)
+    still = largest(*(miss for _, _, miss in misses)) == 0.0
+    return replace(panel, low=-1.0 / unit.factor, high=1.0 / unit.factor) if still else panel
 
 
 def _direction(run: Result) -> Panel:

@@ -1,0 +1,223 @@
+"""One document of a result: cover, numbers, figures with captions, notes, scenario, versions."""
+
+import platform
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import xarray as xr
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.status import Status
+from crinoid.foundation.version import __version__, versions
+from crinoid.results.own_files import is_own
+from crinoid.results.report_error import ReportError
+from crinoid.results.result import Result
+from crinoid.results.scene.data import is_spatial
+from crinoid.results.scene.projection import SIDE
+from crinoid.results.table import equilibrium_summary, summary
+from crinoid.scenario import ScenarioError
+from crinoid.view.figures import style
+from crinoid.view.figures.arm import points_of, smooth_arm
+from crinoid.view.figures.perspective import draw_over_time
+from crinoid.view.figures.sheet import box_around, draw_in
+
+DOCUMENT = "report.pdf"
+
+_A4 = 8.27, 11.69  # inches
+_MARGIN, _FOOT = 0.75, 0.45  # inches, the foot that of the number of a page
+_HEAD: Any = {"fontsize": 14.0, "va": "top"}
+_LINE = 0.175  # inches between two lines
+_LETTERS = 104  # of a line of code
+
+CAPTIONS = {
+    "shape": "The arm over time, with the path of its tip and the water.",
+    "tip_path": "Path of the tip about its target, and spectral density of its distance from it.",
+    "bending": "Bending, twist and tension along the arm over time.",
+    "cycles": "Cycles of curvature of at least a range, where the range is largest.",
+    "tip_error": "Distance of the tip from its target over time, and the water at the tip.",
+    "commands": "Channels of the base and actuators with their commands, and the load on the base.",
+    "estimate": "Tip and current, true and estimated, with two standard deviations.",
+    "loads": "Spectral densities of the force and the moment on the base.",
+    "section_loads": "Bending moment and shear force along the arm: least and greatest values.",
+    "vehicle": "Motion of the submarine, and forces and moments of its thrusters.",
+    "energy": "Stored energies, works, and the defect of their balance.",
+    "vortices": "Frequency of the shedding of vortices along the arm, and their force at the tip.",
+    "contact": "Times, forces and distances of contacts.",
+    "effort": "Iterations of Newton's method in each time step.",
+    "flow": "Velocity of the current over time.",
+    "spectrum": "Spectral density of the current.",
+    "profile": "Mean and standard deviation of the current over the height.",
+    "record": "Velocity, spectrum and histogram of the record.",
+    "modes": "Small vibrations about the equilibrium.",
+    "curve": "Equilibria over a number of the scenario.",
+    "compare": "Errors and efforts of the controllers, for each seed and as means.",
+    "bode": "Eigenvalues of the open loop over the frequency.",
+    "nyquist": "Eigenvalues of the open loop near \N{MINUS SIGN}1.",
+    "response": "Size and phase of the response of the tip to commands and current.",
+    "identify": "Measurements, and the arm before and after the identification.",
+    "log_estimate": "Estimates from the log, with two standard deviations.",
+    "optimise": "Measures of the trials over each number.",
+    "tune": "Measures of the trials over each number.",
+    "training": "Cost and error over the updates of the policy.",
+    "means": "Means over seeds, with intervals of 95 %.",
+}
+"""Captions of figures by their names."""
+
+
+class Part(NamedTuple):
+    """A file of a result, and functions that draw its figures by their names."""
+
+    source: Path
+    data: xr.Dataset
+    run: Result | None
+    figures: Mapping[str, Callable[[], Figure]]
+
+    @property
+    def title(self) -> str:
+        """Its title."""
+        return str(self.data.attrs.get("title", "")).strip() or self.source.stem
+
+
+def write_document(path: Path, parts: list[Part]) -> Path:
+    """Write the document of the files of a folder; the first one gives its title."""
+    if path.exists() and not is_own(path):
+        raise ReportError(f"{path}: not written by crinoid. Move it away first.")
+    first = parts[0]
+    made = f"crinoid {__version__}"
+    about = {"Title": first.title, "Author": made, "Creator": made, "Subject": first.source.name}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with (
+            style.printed(_A4[0] - 2 * _MARGIN),
+            atomic_write(path) as temporary,
+            PdfPages(temporary, metadata=about) as pdf,
+        ):
+            _Pages(pdf).write(parts)
+    except OSError as error:
+        raise ReportError(f"{path}: cannot write the document ({error.strerror})") from error
+    return path
+
+
+class _Pages:
+    """Pages of a document, with their numbers."""
+
+    def __init__(self, pdf: PdfPages) -> None:
+        self._pdf, self._drawn = pdf, 0
+
+    def write(self, parts: list[Part]) -> None:
+        first = parts[0]
+        self._cover(first)
+        for part in parts:
+            if part.run is not None:
+                self._numbers(part.run)
+        for part in parts:
+            for name, draw in part.figures.items():
+                self._drawn += 1
+                self._figure(draw(), f"Figure {self._drawn}. {CAPTIONS[name]}")
+        notes = [line for part in parts for line in _notes_of(part)]
+        bullets = [
+            textwrap.wrap(f"\N{BULLET} {each}", 105, subsequent_indent="  ") for each in notes
+        ]
+        self._text("Notes", [line for lines in bullets for line in lines])
+        scenario = str(first.data.attrs.get("scenario", "")).splitlines()
+        code = [
+            textwrap.wrap(line, _LETTERS, subsequent_indent="    ") or [""] for line in scenario
+        ]
+        self._text("Scenario", [line for lines in code for line in lines], "monospace")
+        made = str(first.data.attrs.get("crinoid_version", "unknown"))
+        own = [f"{name} {number}" for name, number in versions().items() if number]
+        own += [platform.platform(), f"{date.today():%Y-%m-%d}"]
+        self._text(
+            "Versions", [f"The result was made with crinoid {made}, this report with:", *own]
+        )
+
+    def _cover(self, part: Part) -> None:
+        page = Figure(figsize=_A4)
+        title = textwrap.wrap(part.title, 52)
+        look: Any = {"va": "top", "parse_math": False}
+        page.text(*_at(0.0, 1.0), "\n".join(title), fontsize=20.0, **look)
+        below = 1.4 + 0.34 * len(title)
+        lines = [f"{part.source.resolve().parent.name}, {date.today():%Y-%m-%d}"]
+        status = str(part.data.attrs.get("status", "")) or Status.OK.value
+        ok = Status.of(status) is Status.OK
+        page.text(*_at(0.0, below), lines[0], fontsize=11.0, **look)
+        if not ok:
+            words = textwrap.fill(status, 90)
+            page.text(*_at(0.0, below + 0.3), words, color=style.VERMILLION, **look)
+        if part.run is not None:
+            wide = _A4[0] - 2 * _MARGIN
+            axes = style.add_axes(page, _MARGIN, 1.4, wide, 6.2)
+            member = part.run.scene.members[0]
+            if is_spatial(part.run.dataset):
+                box = box_around(points_of(part.run.scene))
+                draw_over_time(axes, part.run.scene, smooth_arm(member), box)
+                axes.set_title("", loc="left")
+            else:
+                draw_in(axes, part.run.dataset, SIDE, None, False)
+        self._save(page)
+
+    def _numbers(self, run: Result) -> None:
+        try:
+            still = run.dataset.sizes["time"] == 1
+            table = equilibrium_summary(run) if still else summary(run, full=True)
+        except (LookupError, ValueError, ScenarioError):
+            self._text("Numbers", ["The result lacks variables of the summary."])
+            return
+        columns = len(table.heads)
+        across = (0.0, 2.9) if columns == 2 else (0.0, 3.1, 4.7, 6.1)
+        for page, rows in self._pages("Numbers", table.rows):
+            for index, row in enumerate([table.heads, *rows]):
+                for cell, left in zip(row, across, strict=False):
+                    place = _at(left, 0.5 + index * _LINE)
+                    page.text(*place, cell, va="top", parse_math=False, fontsize=8.0)
+            self._save(page)
+
+    def _figure(self, figure: Figure, caption: str) -> None:
+        style.space_numbers(figure)
+        wide, tall = figure.get_size_inches()
+        tall = min(tall, _A4[1] - 2 * _MARGIN - 0.4)
+        figure.set_size_inches(wide, tall)
+        # the page is larger than the figure, which is at its top
+        low = tall + _MARGIN - _A4[1]
+        figure.text(0.0, -0.15 / tall, caption, va="top", fontsize=9.0).set_in_layout(False)
+        self._save(figure, Bbox.from_bounds(-_MARGIN, low, *_A4))
+
+    def _text(self, head: str, lines: list[str], family: str = "sans-serif") -> None:
+        for page, some in self._pages(head, lines):
+            for index, line in enumerate(some):
+                place = _at(0.0, 0.5 + index * _LINE)
+                page.text(*place, line, va="top", parse_math=False, family=family, fontsize=8.0)
+            self._save(page)
+
+    def _pages(self, head: str, lines: list[Any]) -> Iterable[tuple[Figure, list[Any]]]:
+        """Yield pages with a head, and what is on each."""
+        most = int((_A4[1] - 2 * _MARGIN - 0.9) / _LINE)
+        for begin in range(0, len(lines), most):
+            page = Figure(figsize=_A4)
+            page.text(*_at(0.0, 0.0), head if not begin else f"{head}, continued", **_HEAD)
+            yield page, lines[begin : begin + most]
+
+    def _save(self, page: Figure, box: Bbox | None = None) -> None:
+        number, (left, low) = (
+            str(self._pdf.get_pagecount() + 1),
+            (0.0, 0.0) if box is None else box.min,
+        )
+        wide, tall = page.get_size_inches()
+        place = (left + _A4[0] / 2) / wide, (low + _FOOT) / tall
+        page.text(*place, number, ha="center", color=style.GREY).set_in_layout(False)
+        self._pdf.savefig(page, bbox_inches=box)
+
+
+def _notes_of(part: Part) -> list[str]:
+    return str(part.data.attrs.get("notes", "")).splitlines()
+
+
+def _at(right: float, down: float) -> tuple[float, float]:
+    """Return a place on a page, in inches from the corner of its margins."""
+    return (_MARGIN + right) / _A4[0], 1.0 - (_MARGIN + down) / _A4[1]
