@@ -20,7 +20,7 @@ def test_a_sound_installation_names_its_versions_and_solves_the_known_case():
 
 def test_what_is_wrong_is_said_with_its_remedy(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    lacks = {"viser"}
+    lacks = {"websockets"}
     installed = version.version_of
     monkeypatch.setattr(doctor, "version_of", lambda name: "" if name in lacks else installed(name))
     full = shutil.disk_usage(tmp_path)._replace(free=3_000_000)

@@ -458,7 +458,7 @@ def test_a_session_keeps_pace_pauses_and_runs_on(session):
     watched.clock.wake()
     watched.wait(lambda seen: seen.frame.time > rested.frame.time + 0.3)
     watched.clock.request("reset", watched.clock.reset)
-    watched.wait(lambda seen: seen.message == "kept it")
+    watched.wait(lambda _: watched.clock.message.text == "kept it")
     watched.clock.request("record", watched.clock.toggle_recording)
     watched.wait(lambda seen: (seen.recording or 0.0) > 0.1)
     watched.clock.stop()
@@ -470,12 +470,14 @@ def test_a_session_keeps_pace_pauses_and_runs_on(session):
 @pytest.mark.slow
 def test_a_failure_is_shown_and_ends_nothing(session):
     watched = Watched(session)
-    watched.clock.request("pull", lambda session: session.pull([0.0, 1e9]))
-    failed = watched.wait(lambda seen: seen.message)
-    assert failed.message.startswith("failed at t = ")
-    assert (failed.wrong, failed.running) == (True, False)
-    watched.clock.request("refuse", lambda session: session.control("lqg"))
-    watched.clock.request("reset", watched.clock.reset)
+    clock = watched.clock
+    clock.request("pull", lambda session: session.pull([0.0, 1e9]))
+    failed = watched.wait(lambda seen: clock.message.text and not seen.running)
+    assert clock.message.text.startswith("failed at t = ")
+    assert clock.message.text.endswith(". Press Reset.")
+    assert (clock.message.wrong, failed.running) == (True, False)
+    clock.request("refuse", lambda session: session.control("lqg"))
+    clock.request("reset", clock.reset)
     watched.wait(lambda seen: seen.running and seen.frame.time > 0.05)
-    watched.clock.stop()
-    assert watched.clock.error is None
+    clock.stop()
+    assert clock.error is None

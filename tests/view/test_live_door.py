@@ -1,40 +1,31 @@
-"""The door of the page: other sites stay outside, and junk changes nothing and prints nothing."""
+"""The connection of a live page: other sites stay outside, and each wrong value has one line."""
 
+import json
 import random
 import socket
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
-viser = pytest.importorskip("viser", reason="needs viser")
-from msgspec.msgpack import encode as encoded  # noqa: E402
-from viser.infra import Message  # noqa: E402
-from websockets.frames import Frame, Opcode  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
+pytest.importorskip("websockets", reason="needs websockets")
+from websockets.frames import Frame, Opcode
+from websockets.sync.client import connect
 
-from crinoid.view.live.page import Page  # noqa: E402
-from crinoid.view.live.session import LiveSession  # noqa: E402
-from helpers.live import LIVE  # noqa: E402
+from crinoid.view.live.page import Page
+from crinoid.view.live.session import LiveSession
+from helpers.live import LIVE
 
 pytestmark = pytest.mark.slow
 
 UPGRADE = (
     "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-    f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n"
 )
-FORWARD = {"wxyz": [1.0, 0.0, 0.0, 0.0]}
-DRAG = {"type": "TransformControlsUpdateMessage", "name": "/target", "owner": ""}
-DRAG |= {"position": [0.1, 0.0, -0.3]} | FORWARD
-LOOK = {
-    "type": "ViewerCameraMessage",
-    **{key: [0.0, 0.0, 1.0] for key in ("position", "look_at", "up_direction")},
-    **dict.fromkeys(("fov", "near", "far"), 1.0),
-    **dict.fromkeys(("image_height", "image_width"), 600),
-} | FORWARD
-JUNK = [None, float("nan"), float("inf"), -float("inf"), 1e300, -1, -0.5, 10**15, b"x", [], [1.0]]
-JUNK += ["", "x", "/target", [0.0, 0.0, float("nan")], [1e12] * 3, {}, {"value": -1}, [[[]]] * 4]
+DRAG = json.dumps({"name": "target", "value": [0.1, -0.3]})
+JUNK = [None, True, float("nan"), float("inf"), 1e300, -1, -0.5, 10**15, [], [1.0], "", "x"]
+JUNK += [[0.0, float("nan")], [1e12] * 2, [0.0, 0.0, 0.0], {}, {"value": -1}, [[[]]] * 4]
 
 
 @pytest.fixture(scope="module")
@@ -45,34 +36,68 @@ def page():
     assert page.clock.error is None
 
 
-def session_of(page):
+@pytest.fixture
+def session(page):
     return page.clock._session
 
 
-def wait_for(condition, again=lambda: None):
+def wait_for(condition):
     last = time.monotonic() + 120  # a session compiles first
     while not condition() and time.monotonic() < last:
-        time.sleep(0.2)
-        again()
+        time.sleep(0.05)
     assert condition()
 
 
-def asked(page, *lines, frame=b"", until=lambda: True):
-    """Return the status of the answer to a request, and send a message right behind it.
+class Viewer:
+    """A page without a browser."""
 
-    A closed connection may lose the message: it stays open until a condition holds. A server that
-    has not yet met its client may lose it too: it is sent again.
-    """
-    with socket.create_connection(("127.0.0.1", page.server.get_port()), timeout=30) as plain:
-        text = "\r\n".join(("GET / HTTP/1.1", *lines))
-        plain.sendall(text.encode() + b"\r\n" + frame)
+    def __init__(self, page):
+        self.connection = connect(page.url.replace("http", "ws"), origin=page.url, max_size=None)
+        self.frames, self.told = [], []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.connection.close()
+
+    def say(self, name, value=None):
+        self.connection.send(json.dumps({"name": name, "value": value}))
+
+    def take(self, message):
+        """Take a message; return whether it is a frame."""
+        if isinstance(message, str):
+            self.told.append(json.loads(message))
+            return False
+        self.frames.append(np.frombuffer(message, "<f4"))
+        return True
+
+    def read(self, condition):
+        """Read until a condition holds."""
+        last = time.monotonic() + 60
+        while not condition() and time.monotonic() < last:
+            if self.take(self.connection.recv(timeout=60)):
+                self.connection.send("seen")
+        assert condition()
+
+    def refusal(self, name, value=None):
+        """Return the answer to a wrong value."""
+        self.told.clear()
+        self.say(name, value)
+        self.read(lambda: any("refused" in each for each in self.told))
+        return next(each["refused"] for each in self.told if "refused" in each)
+
+
+def asked(page, *lines, frame=b""):
+    """Return the status of the answer to a request, and send a message right behind it."""
+    with socket.create_connection(("127.0.0.1", page.port), timeout=30) as plain:
+        plain.sendall("\r\n".join(("GET / HTTP/1.1", *lines)).encode() + b"\r\n" + frame)
         status = int(plain.recv(100).split()[1])
-        wait_for(until, lambda: plain.sendall(frame))
-        plain.settimeout(0.5)
+        plain.settimeout(0.3)
         try:
             while plain.recv(100_000):
                 pass
-        except TimeoutError:
+        except (TimeoutError, ConnectionError):
             pass
         return status
 
@@ -97,82 +122,110 @@ def asked(page, *lines, frame=b"", until=lambda: True):
         (None, None, False),
     ],
 )
-def test_only_the_page_itself_moves_the_target(page, host, origin, welcome):
+def test_only_the_page_itself_moves_the_target(page, session, host, origin, welcome):
     given = {"Host": host, "Origin": origin}
-    port = page.server.get_port()
-    lines = [f"{name}: {text.format(port)}" for name, text in given.items() if text is not None]
+    lines = [f"{name}: {text.format(page.port)}" for name, text in given.items() if text]
     assert asked(page, *lines, "") == (200 if welcome else 403)
-    frame = Frame(Opcode.BINARY, encoded(DRAG)).serialize(mask=True)
-
-    def moved():
-        return session_of(page)._shift.any() or not welcome
-
-    status = asked(page, *lines, UPGRADE, frame=frame, until=moved)
-    assert status == (101 if welcome else 403)
+    frame = Frame(Opcode.TEXT, DRAG.encode()).serialize(mask=True)
+    assert asked(page, *lines, UPGRADE, frame=frame) == (101 if welcome else 403)
     if welcome:
-        session_of(page).drag(None)
-    assert not session_of(page)._shift.any()
+        wait_for(lambda: session._shift.any())
+        session.drag(None)
+    assert not session._shift.any()
 
 
-def test_a_viser_that_bypasses_the_door_serves_nothing(page, monkeypatch):
-    stopped = []
-    monkeypatch.setattr(viser.ViserServer, "__init__", lambda *_, **__: None)
-    monkeypatch.setattr(viser.ViserServer, "stop", lambda server: stopped.append(server))
-    with pytest.raises(RuntimeError, match="cannot guard its connections"):
-        Page(session_of(page), 0, str)
-    assert len(stopped) == 1
+@pytest.mark.parametrize(
+    ("name", "value", "answer"),
+    [
+        ("current", 9, "current: got 9; must be 0 to 3"),
+        ("current", None, "current: got None; must be 0 to 3"),
+        ("target", [0.1], "target: got [0.1]; must be [x, z] in m"),
+        ("pull", "up", 'pull: got "up"; must be "-x", "+x", "-z" or "+z"'),
+        ("controller", 3, "controller: got 3; must be "),
+        ("run", 1, "run: got 1; must be null"),
+        ("nobody", 1, 'name: got "nobody"; must be "run", "reset", '),
+    ],
+)
+def test_a_wrong_value_has_one_line_for_its_sender_only(page, name, value, answer):
+    with Viewer(page) as viewer, Viewer(page) as other:
+        assert viewer.refusal(name, value).startswith(answer)
+        other.read(lambda: len(other.frames) > 1)
+        assert not [each for each in other.told if "refused" in each]
 
 
-def update(uuid, updates):
-    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
+def test_all_viewers_see_the_same_and_one_that_draws_nothing_delays_nobody(page):
+    with Viewer(page) as viewer, Viewer(page) as slow:
+        viewer.say("stiffness", 2.0)
+        slow.read(lambda: any(each.get("values", {}).get("stiffness") == 2.0 for each in slow.told))
+        begun = len(viewer.frames)
+        viewer.read(lambda: len(viewer.frames) >= begun + 12)
+        times = [frame[0] for frame in viewer.frames[begun:]]
+        assert sorted(times) == times
+        assert times[-1] > times[0]
+        slow.frames.clear()
+        with suppress(TimeoutError):  # it gets nothing more before it has drawn
+            while len(slow.frames) <= 2:
+                slow.take(slow.connection.recv(timeout=1.0))
+        assert len(slow.frames) <= 2
+        slow.frames.clear()
+        slow.connection.send("seen")
+        slow.read(lambda: slow.frames)
+        assert slow.frames[0][0] >= times[-1]  # the newest one: others were dropped
+        viewer.say("described")
+        viewer.read(lambda: viewer.told[-1].get("values", {}).get("stiffness") == 1.0)
+
+
+def test_a_frame_has_the_arm_and_the_bodies_where_the_session_has_them(page, session):
+    with Viewer(page) as viewer:
+        viewer.say("run")
+        viewer.read(lambda: viewer.told and viewer.told[-1].get("run") == "Run")
+        now = session.look()
+        viewer.read(lambda: viewer.frames and abs(viewer.frames[-1][0] - now.time) < 1e-4)
+        frame, traces, nodes = viewer.frames[-1], 4, len(now.nodes)
+        assert frame[1] == pytest.approx(1e3 * now.error, rel=1e-4)
+        root, offset = np.split(frame[1 + traces + 3 :][: 3 + 2 * nodes], [3])
+        np.testing.assert_allclose(root, now.nodes[0], atol=1e-6)
+        shape = root[[0, 2]] + offset.reshape(nodes, 2)
+        np.testing.assert_allclose(shape, now.nodes[:, [0, 2]], atol=1e-6)
+        table = page._scene.scene(now, now).members[0]
+        assert [each.kind for each in table.obstacles] == ["sphere", "sphere"]
+        after = 1 + traces + 3 + 3 + 2 * nodes + 3 + 3 + 3 + 9 + 1 + 2 * nodes
+        places = frame[after:][:12].reshape(2, 2, 3)[:, 0]
+        np.testing.assert_allclose(places, now.obstacles, rtol=1e-6)
+        viewer.say("run")
 
 
 def junk_of(page, dice):
-    """Return messages of each kind that viser has, none of which the page offers."""
-    handles = page.server.gui._gui_input_handle_from_uuid
-    for kind in Message.get_subclasses():
-        names = list(getattr(kind, "__dataclass_fields__", {}))
-        for _ in range(4):
-            yield {"type": kind.__name__} | {name: dice.choice(JUNK) for name in names}
-    for name, value in DRAG.items():
-        yield from (DRAG | {name: each} for each in JUNK if each != value)
-    yield DRAG | {"more": 1}
-    yield {name: value for name, value in DRAG.items() if name != "wxyz"}
-    yield DRAG | {"position": [1e7, 0.0, 0.0]}
-    for uuid, handle in handles.items():
-        yield from (update(uuid, {"value": each}) for each in [*JUNK, 1e3, "Pull"])
-        if not handle._impl.is_button:
-            yield update(uuid, {"value": True})
-        yield update(uuid, {"label": "mine", "order": 1})
-    yield from (update("nobody", {"value": 1.0}), {"type": "Nothing"}, 3)
+    """Return messages, none of which the page offers."""
+    yield from ({"name": name, "value": each} for name in ("x", None, 3, []) for each in JUNK)
+    for control in page._panel.controls.values():
+        wrong = [each for each in JUNK if control.mistake(each)]
+        assert len(wrong) > 8
+        yield from ({"name": control.name, "value": each} for each in wrong)
+        yield {"name": control.name}
+        yield {"name": control.name, "value": None, "more": 1}
+    yield from (*JUNK, "text", ["[" * 400])
 
 
-def test_junk_changes_nothing_prints_nothing_and_does_not_hang(page, capfd, recwarn):
-    dice, session = random.Random(4), session_of(page)
-    before = (session.kind, session._pull, session._shift.tolist())
-    messages = [encoded(each) for each in junk_of(page, dice)]
-    messages += [dice.randbytes(dice.randrange(40)) for _ in range(200)]
-    messages += [each[: dice.randrange(len(each))] for each in messages[::7]]
+def test_junk_changes_nothing_prints_nothing_and_does_not_hang(page, session, capfd, recwarn):
+    dice = random.Random(4)
+    before = (session.kind, session._pull, session._shift.tolist(), session.numbers)
+    messages = [json.dumps(each) for each in junk_of(page, dice)]
+    messages += [dice.randbytes(dice.randrange(40)) for _ in range(100)] + ["[" * 900]
+    messages += [each[: dice.randrange(len(each))] for each in messages[:200:7]]
     dice.shuffle(messages)
-    with socket.create_connection(("127.0.0.1", page.server.get_port())) as plain:
+    with socket.create_connection(("127.0.0.1", page.port)) as plain:
         plain.sendall(b"no request\r\n\r\n")
-    url, protocols = page.url.replace("http", "ws"), [f"viser-v{viser.__version__}"]
-    with connect(url, origin=page.url, subprotocols=protocols, max_size=None) as connection:
-        connection.send(encoded(LOOK))  # from then on it counts as one who looks
-        wait_for(lambda: page.clock.viewers)
-        connection.send("a text")
+    with Viewer(page) as viewer:
         for message in messages:
-            connection.send(message)
-        connection.send(encoded(update(page._panel._sliders["current"]._impl.uuid, {"value": 2})))
-        wait_for(lambda: session.numbers.current == 2.0)
-        assert (session.kind, session._pull, session._shift.tolist()) == before
+            viewer.connection.send(message)
+        answered = len([each for each in messages if each != "seen"])
+        viewer.read(lambda: sum("refused" in each for each in viewer.told) >= answered)
+        assert before == (session.kind, session._pull, session._shift.tolist(), session.numbers)
         assert page.clock.running
-        handles = page.server.gui._gui_input_handle_from_uuid.items()
-        ways = next(uuid for uuid, each in handles if "+x" in getattr(each, "options", ()))
-        for value in ("up", "+x"):
-            connection.send(encoded(update(ways, {"value": value})))
+        viewer.say("pull", "+x")
         wait_for(lambda: session._pull.force)
-    assert session.numbers.changed_names == ("current",)
+        viewer.connection.send("x" * 2000)  # longer than any message of the page
     assert np.sign(session._pull.force).tolist() == [1.0, 0.0]
     assert page.clock.error is None
     assert capfd.readouterr() == ("", "")

@@ -173,7 +173,7 @@ COMMANDS = [
 @pytest.mark.parametrize(("command", "answer"), COMMANDS, ids=[each for each, _ in COMMANDS])
 def test_a_mistake_gets_one_line_and_nothing_is_written(command, answer, folder, monkeypatch):
     if command.startswith("live"):
-        pytest.importorskip("viser", reason="needs viser")
+        pytest.importorskip("websockets", reason="needs websockets")
     monkeypatch.chdir(folder)
     assert_refused(command, f".*{re.escape(answer)}")
 
@@ -188,7 +188,7 @@ LIBRARIES = [
         'mcap-ros2-support and rosbags: pip install "crinoid[ros]"',
     ),
     ("export still-water --to fmu", "pythonfmu3", [], 'pip install "crinoid[fmu]"'),
-    ("live still-water", "viser", [], 'pip install "crinoid[live]"'),
+    ("live still-water", "websockets", [], 'pip install "crinoid[live]"'),
 ]
 
 

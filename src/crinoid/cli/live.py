@@ -21,9 +21,9 @@ _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 def run_live(scenario: Scenario, folder: Path, *, port: int, browser: bool | None) -> str:
     """Simulate a scenario in a browser until Ctrl-C; return what went wrong, if anything."""
     try:
-        import viser  # noqa: F401
+        import websockets  # noqa: F401
     except ImportError:
-        stop('live needs viser for its page: pip install "crinoid[live]"')
+        stop('live needs websockets for its page: pip install "crinoid[live]"')
     from crinoid.view.live.interactive import StartError
     from crinoid.view.live.page import Page, PortError, check_port
     from crinoid.view.live.session import LiveSession

@@ -194,8 +194,7 @@ def key_with(figure: Figure, handles: list[Any], where: str) -> None:
     words = [str(each.get_label()) for each in handles]
     most = 1 if "right" in where else 4
     place: Any = {"loc": where, "ncols": _columns(words, width() - 0.3, most), "borderaxespad": 0.3}
-    # of the figure even on a larger page
-    legend = figure.legend(handles=handles, bbox_to_anchor=(0.0, 0.0, 1.0, 1.0), **place)
+    legend = figure.legend(handles=handles, **place)
     if "lower" not in where or "outside" in where:
         return
     wide, tall = figure.get_size_inches()

@@ -21,14 +21,19 @@ Action = Callable[[LiveSession], None]
 
 
 class SessionStatus(NamedTuple):
-    """One instant of a session, its pace, and its last message."""
+    """One instant of a session, and its pace."""
 
     frame: Snapshot
     factor: float  # simulated time over elapsed time; 0 while it is paused
     running: bool
     recording: float | None  # duration of the recording (s)
-    message: str  # the last message, one line
-    wrong: bool  # whether the message reports a failure
+
+
+class Message(NamedTuple):
+    """A message for the users of a session."""
+
+    text: str  # one line
+    wrong: bool  # whether it reports a failure
 
 
 Show = Callable[[SessionStatus], None]
@@ -48,8 +53,8 @@ class RealTimeClock:
         self._ended = False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._marks: deque[tuple[float, float]] = deque()
-        self._message, self._wrong = "", False
         self._batch = 1  # steps of one call: few where each is slow
+        self.message = Message("", False)  # the last message
         self.running = True  # whether it runs rather than pauses
         self.viewers = 0  # number of viewers; without any it is at rest
         self.recordings: list[str] = []  # a line for each recording
@@ -78,7 +83,7 @@ class RealTimeClock:
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         """Set the message of the page."""
-        self._message, self._wrong = text, wrong
+        self.message = Message(text, wrong)
 
     def toggle_running(self, session: LiveSession) -> None:
         """Pause or continue."""
@@ -176,7 +181,7 @@ class RealTimeClock:
         if result is not None:
             text = self._save(result)
             self.recordings.append(text)
-        self.say(f"{halted}; {text}" if halted else text, wrong=bool(halted))
+        self.say(f"{halted} {text}" if halted else text, wrong=bool(halted))
 
     def _status(self) -> SessionStatus:
         marks, factor = self._marks, 0.0
@@ -184,4 +189,4 @@ class RealTimeClock:
             factor = (marks[-1][1] - marks[0][1]) / (marks[-1][0] - marks[0][0])
         look, recording = self._session.look(), self._session.recording
         factor = factor if self._moves else 0.0
-        return SessionStatus(look, factor, self._moves, recording, self._message, self._wrong)
+        return SessionStatus(look, factor, self._moves, recording)

@@ -1,159 +1,201 @@
-"""Page of a session: a server for this machine only, its scene and its panel."""
+"""Page of a session: a server for this machine only, which sends the page and its frames."""
 
+import asyncio
+import logging
 import os
 import re
+import secrets
 import socket
+import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from html import escape
 from http import HTTPStatus
-from typing import Annotated, Any, Literal, Union
-from unittest.mock import patch
+from string import Template
+from typing import Any
 
-import rich
-import viser
-import websockets.asyncio.server as websockets
-from msgspec import DecodeError, Meta, defstruct
-from msgspec.msgpack import Decoder
-from websockets.asyncio.server import ServerConnection
-from websockets.exceptions import InvalidHandshake
+import numpy as np
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
+from crinoid.foundation.version import __version__
 from crinoid.results.result import Result
+from crinoid.results.scene.scene import REACH
+from crinoid.view.live.charts import SPAN, LiveCharts
 from crinoid.view.live.clock import RealTimeClock, SessionStatus
 from crinoid.view.live.panel import ControlPanel
 from crinoid.view.live.scene import LiveScene
 from crinoid.view.live.session import LiveSession
+from crinoid.view.page import parts
+from crinoid.view.page.plots import plots_of
+from crinoid.view.page.scene import scene_of, still_of
 
 _OURS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?", re.IGNORECASE)
 """Names of this machine; any port, as `ssh -L` may forward another one."""
-
-_Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
-_Place, _Turn = tuple[(_Number,) * 3], tuple[(_Number,) * 4]
-_SIZES = ("fov", "near", "far", "image_height", "image_width")
-_NODE = {"name": Literal["/target"], "owner": Literal[""]}
-_MESSAGES: dict[str, dict[str, Any]] = {
-    "ViewerCameraMessage": dict.fromkeys(_SIZES, _Number)
-    | {"position": _Place, "look_at": _Place, "up_direction": _Place, "wxyz": _Turn},
-    "GuiUpdateMessage": {"uuid": str, "updates": dict[Literal["value"], bool | _Number | str]},
-    "TransformControlsUpdateMessage": _NODE | {"position": _Place, "wxyz": _Turn},
-    "TransformControlsDragStartMessage": _NODE,
-    "TransformControlsDragEndMessage": _NODE,
-}
-"""Fields of those messages of viser that the page uses."""
-_KINDS = [
-    defstruct(name, list(fields.items()), tag=name, forbid_unknown_fields=True)
-    for name, fields in _MESSAGES.items()
-]
-_DECODER: Decoder[Any] = Decoder(Union[tuple(_KINDS)])  # noqa: UP007
-
-
-def guarded_connection(offers: Callable[[str, object], bool]) -> type[ServerConnection]:
-    """Return connections that refuse other sites, and drop values that an input does not offer.
-
-    A browser connects to this machine for any site, which it names (Origin). A site can also
-    resolve its own name to the address of this machine (Host).
-    """
-
-    class Door(ServerConnection):
-        async def handshake(self, process_request: Any = None, *others: Any) -> None:
-            def answer(connection: ServerConnection, request: Any) -> Any:
-                host, *more = request.headers.get_all("Host") or [""]
-                sites = {*request.headers.get_all("Origin"), f"http://{host}"}
-                if more or len(sites) > 1 or not _OURS.fullmatch(host):
-                    return connection.respond(HTTPStatus.FORBIDDEN, "refused: another site\n")
-                return process_request(connection, request)
-
-            with suppress(InvalidHandshake):  # which websockets would print
-                await super().handshake(answer, *others)
-
-        async def recv(self, decode: bool | None = None) -> Any:
-            while True:
-                raw = await super().recv(decode)
-                with suppress(DecodeError, UnicodeDecodeError):
-                    message = _DECODER.decode(raw if isinstance(raw, bytes) else b"")
-                    turns = getattr(message, "updates", {})
-                    if all(offers(message.uuid, value) for value in turns.values()):
-                        return raw
-
-    return Door
-
-
 HOST = "127.0.0.1"  # this machine, which no other one reaches by that address
+_AHEAD = 2  # frames that a page may have before it has drawn them
+_LONGEST = 1000  # longest message of a page (bytes)
+_KEYS = "Space pauses. Drag the ring at the target to move it."
 
 
 class PortError(ValueError):
     """A port that is unavailable."""
 
 
-class LocalServer(viser.ViserServer):
-    """A server for this machine only, which drops all messages that the page does not send."""
-
-    def __init__(self, port: int) -> None:
-        # viser does not pass on this option of websockets
-        guarded = partial(websockets.serve, create_connection=guarded_connection(self._offers))
-        with patch.object(websockets, "serve", side_effect=guarded) as serve:
-            super().__init__(host=HOST, port=port, verbose=False)
-        if not serve.called:
-            self.stop()
-            raise RuntimeError("this version of viser cannot guard its connections")
-
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Return no address, as the page is for this machine only."""
-        return None
-
-    def _offers(self, name: str, value: Any) -> bool:
-        gui = vars(self).get("gui")
-        handle = gui and gui._gui_input_handle_from_uuid.get(name)
-        if not handle or handle.disabled:
-            return False
-        if isinstance(handle, viser.GuiSliderHandle):
-            return isinstance(value, float) and handle.min <= value <= handle.max
-        return value in getattr(handle, "options", (True,))
-
-
 class Page:
-    """A session in a browser until `close`; until then only the page uses the session.
+    """A session in browsers until `close`; until then only the page uses the session.
 
     A port of 0 is any free one; ``save`` saves a recording and returns one line with its folder.
+
+    Raises
+    ------
+    PortError
+        If the port is unavailable.
     """
 
     def __init__(self, session: LiveSession, port: int, save: Callable[[Result], str]) -> None:
-        frame = session.look()
+        check_port(port)
+        first, scenario, surfaces = session.look(), session.scenario, session.prepared.surfaces
         self.clock = RealTimeClock(session, self._show, save)
-        check_port(port)  # viser would silently choose another one
-        rich.get_console().quiet = True  # viser would print through it
-        os.environ.pop("_VISER_PORT_OVERRIDE", None)
-        self.server: viser.ViserServer = LocalServer(port)
-        self.url = f"http://{HOST}:{self.server.get_port()}"
-        self._scene = LiveScene(
-            self.server, session.scenario, session.bodies, frame, session.prepared.surfaces
-        )
-        self._panel = ControlPanel(self.server, session, self.clock)
-        target = self._scene.target
-
-        @target.on_update
-        def _(event: Any) -> None:
-            self._scene.dragged = event.phase != "end"
-            where = [float(target.position[axis]) for axis in self._scene.axes]
-            self.clock.request("target", lambda session: session.drag(where))
-
-        self.server.on_client_connect(self._count)
-        self.server.on_client_disconnect(self._count)
+        self._scenario, self._now, self._start = scenario, first, first
+        self._scene = LiveScene(scenario, session.bodies, first, surfaces)
+        self._charts = LiveCharts(scenario, session.loop.system.inputs)
+        self._panel, self._id = ControlPanel(session, self.clock), secrets.token_hex(8)
+        self._connections: set[ServerConnection] = set()
+        self._frame, self._text, self._changed = b"", "", asyncio.Event()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        self._server: Server = self._wait(self._serve(port))
+        self.port: int = next(iter(self._server.sockets)).getsockname()[1]
+        self.url = f"http://{HOST}:{self.port}"
         self.clock.start()
 
     def close(self) -> None:
         """End the session and the server, and save a recording in progress."""
         self.clock.stop()
-        self.server.stop()
+        self._server.close()
+        self._wait(self._server.wait_closed())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def _wait(self, work: Any) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+    async def _serve(self, port: int) -> Server:
+        silent = logging.Logger("crinoid.live", logging.CRITICAL + 1)
+        options: dict[str, Any] = {"max_size": _LONGEST, "compression": None, "logger": silent}
+        return await serve(self._meet, HOST, port, process_request=self._answer, **options)
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request; None lets it become a connection for frames.
+
+        A browser connects to this machine for any site, which it names (Origin). A site can also
+        resolve its own name to the address of this machine (Host).
+        """
+        host, *more = request.headers.get_all("Host") or [""]
+        sites = {*request.headers.get_all("Origin"), f"http://{host}"}
+        if more or len(sites) > 1 or not _OURS.fullmatch(host):
+            return connection.respond(HTTPStatus.FORBIDDEN, "refused: another site\n")
+        if "Upgrade" in request.headers:
+            return None
+        if request.path != "/":
+            return connection.respond(HTTPStatus.NOT_FOUND, "only / is here\n")
+        found = connection.respond(HTTPStatus.OK, self.html())
+        del found.headers["Content-Type"]
+        found.headers["Content-Type"] = "text/html; charset=utf-8"
+        found.headers["Cache-Control"] = "no-store"
+        return found
+
+    async def _meet(self, connection: ServerConnection) -> None:
+        """Feed a page with frames, and do what it requests."""
+        room = asyncio.BoundedSemaphore(_AHEAD)
+        feeder = asyncio.create_task(self._feed(connection, room))
+        self._connections.add(connection)
+        self._count()
+        try:
+            with suppress(ConnectionClosed):
+                async for message in connection:
+                    if message == "seen":
+                        with suppress(ValueError):
+                            room.release()
+                    elif mistake := self._panel.hear(message):
+                        await connection.send(parts.json_of({"refused": mistake}))
+                    else:
+                        self._publish(self._panel.text(), self._frame)
+        finally:
+            feeder.cancel()
+            self._connections.discard(connection)
+            self._count()
+
+    async def _feed(self, connection: ServerConnection, room: asyncio.Semaphore) -> None:
+        """Send the newest frame whenever the page has drawn another; those between are dropped."""
+        frame, text = b"", ""
+        with suppress(ConnectionClosed):
+            await connection.send(parts.json_of({"id": self._id}))
+            while True:
+                if self._text != text:
+                    text = self._text
+                    await connection.send(text)
+                elif self._frame is not frame:
+                    await room.acquire()
+                    frame = self._frame
+                    await connection.send(frame)
+                else:
+                    await self._changed.wait()
+
+    def _count(self) -> None:
+        """Count the viewers of the page; without any nothing is computed."""
+        self.clock.viewers = len(self._connections)
+        self.clock.wake()
 
     def _show(self, status: SessionStatus) -> None:
-        self._scene.show(status.frame)
-        self._panel.show(status)
+        """Show an instant; called on the clock's thread."""
+        now = self._now = status.frame
+        if now.time == 0:
+            self._start = now
+        given = [now.time], self._charts.numbers(now), now.pull, self._scene.numbers(now)
+        numbers = np.concatenate(given)
+        new = self._panel.text(status), numbers.astype("<f4").tobytes()
+        self._loop.call_soon_threadsafe(self._publish, *new)
 
-    def _count(self, _: Any) -> None:
-        """Count the viewers of the page; without any nothing is computed."""
-        self.clock.viewers = len(self.server.get_clients())
-        self.clock.wake()
+    def _publish(self, text: str, frame: bytes) -> None:
+        self._text, self._frame = text, frame
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    def html(self) -> str:
+        """Return the page as HTML, with the present instant."""
+        scenario, scene = self._scenario, self._scene.scene(self._now, self._start)
+        table, numbers, _ = scene_of(scene)
+        plots = plots_of(self._charts.charts, 0.0, SPAN, scenario.arm.length)
+        time = self._now.time
+        arm = "arm in space" if scenario.arm.dimension == 3 else "planar arm"
+        kind = f"live · {arm} · {scenario.arm.nodes} nodes"
+        said: dict[str, Any] = {
+            "id": self._id,
+            "span": [time, time + SPAN],
+            "times": [time],
+            "scene": table,
+        }
+        said |= {"charts": plots.charts, "ghost": "Start", "reach": REACH, "kind": kind}
+        said["controls"] = [each._asdict() for each in self._panel.controls.values()]
+        title = scenario.title or "crinoid live"
+        body = Template(parts.read_part("live.html")).substitute(
+            title=escape(title),
+            kind=escape(kind),
+            stage=parts.stage_of(still_of(scene), '<div class="bar" id="bar"></div>', _KEYS),
+            table=parts.json_of(said),
+            document=parts.json_of(plots.document),
+            numbers=numbers,
+            footer=parts.bokeh_credit(),
+        )
+        scripts = [parts.bokeh_script(), parts.run_script("live")]
+        return parts.html_page(
+            body, scripts, title=title, version=__version__, kind="live", connects=True
+        )
 
 
 def check_port(port: int) -> None:

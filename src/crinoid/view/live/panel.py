@@ -1,201 +1,217 @@
-"""Control panel of a session: numbers, sliders and buttons next to its scene."""
+"""Controls of a session on its page, the check of their values, and numbers as text."""
 
+import json
+import math
 import time
-from collections import deque
-from html import escape
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-import viser
-from viser import uplot
 
-from crinoid.foundation.axes import ANGLES, AXES, CHANNELS
-from crinoid.results.units import DEGREES, Unit, length_unit
-from crinoid.view.figures.style import BLUE, GREY, VERMILLION
+from crinoid.foundation.axes import AXES
+from crinoid.results.units import length_unit
+from crinoid.scenario.errors import got, one_of
 from crinoid.view.live.adjustable import AdjustableNumbers
-from crinoid.view.live.clock import Action, RealTimeClock, SessionStatus
+from crinoid.view.live.clock import RealTimeClock, SessionStatus
 from crinoid.view.live.interactive import kinds_for
 from crinoid.view.live.session import LiveSession
 
-_NUMBERS, _CHART = 0.1, 0.25  # periods of the numbers and of the chart (s)
-_SPAN = 20.0  # simulated time in the chart (s)
+_PERIOD = 0.1  # of the numbers (s)
 _LATELY = 0.5  # time for which a contact is shown (s)
-_SLOW = 0.95  # real-time factor below which the page reports a delay
+_SLOW, _LATE = 0.95, 2.0  # real-time factor below which, and time after which it is reported (s)
+_LATE_HINT = "x real time: the machine is too slow. Try fewer arm.nodes or longer time steps"
 _MOST_TURBULENT = 3.0
-_ERROR = "tip error (mm)"
+_FARTHEST = 1e6  # farthest place of a target (m)
 _PULLS = (0.0, 4.0)  # range of the force of a pull, over `LiveSession.tip_force`
 
 
-class ControlPanel:
-    """Sliders, buttons and numbers of a session, of which only constants are read here."""
+class Control(NamedTuple):
+    """A button, a slider between two ends, or a choice of options at once or from a list."""
 
-    def __init__(
-        self, server: viser.ViserServer, session: LiveSession, clock: RealTimeClock
-    ) -> None:
-        self._gui, self._clock, self._scenario = server.gui, clock, session.scenario
-        self._kinds, self._kind = kinds_for(session.scenario), session.kind
-        self._debris, self._strength = session.bodies.debris is not None, session.tip_force
-        self._shown, self._drawn, self._mode = 0.0, 0.0, (False, False)
+    name: str
+    group: str
+    kind: str  # `"button"`, `"slider"`, `"buttons"`, `"choice"` or `"target"`
+    label: str
+    hint: str = ""
+    ends: tuple[float, float] = (0.0, 0.0)
+    options: Sequence[str] = ()
+
+    def mistake(self, value: Any) -> str:
+        """Return what is wrong with a value; empty if nothing is."""
+        low, high = self.ends
+        if self.kind == "button":
+            fits, must = value is None, "be null"
+        elif self.kind == "slider":
+            fits, must = _is_number(value, low, high), f"be {low:g} to {high:g}"
+        elif self.kind == "target":
+            axes, given = len(self.options), value if isinstance(value, list) else []
+            fits = len(given) == axes and all(_is_number(each, low, high) for each in given)
+            must = f"be [{', '.join(self.options)}] in m"
+        else:
+            fits, must = isinstance(value, str) and value in self.options, one_of(self.options)
+            must = f"be {must}"
+        return "" if fits else got(value, must)
+
+
+def _is_number(value: Any, low: float, high: float) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+
+def controls_of(session: LiveSession) -> dict[str, Control]:
+    """Return the controls of a session by name."""
+    scenario, water, control, disturb = session.scenario, "Water and arm", "Control", "Disturb"
+    kinds, axes = {flow.kind for flow in scenario.flow}, AXES[scenario.arm.dimension]
+    shares = [getattr(flow, "intensity", 0.0) for flow in scenario.flow]
+    most = math.floor(20 * min(_MOST_TURBULENT, 1 / max([*shares, 0.1]))) / 20
+    low, high = (each * session.tip_force for each in _PULLS)
+    ways, modes = [f"{sign}{axis}" for axis in axes for sign in "-+"], kinds_for(scenario)
+    modulus = "A multiple of Young's modulus, or of EA, EI and GJ."
+    eddies = "A multiple of their length scale."
+    found = [
+        Control("run", "", "button", "Pause"),
+        Control("reset", "", "button", "Reset", "Back to the start; sliders stay as set."),
+        Control("record", "", "button", "Record"),
+        Control("current", water, "slider", "current", "A multiple of all flows.", (0.0, 3.0)),
+        Control("intensity", water, "slider", "turbulence", "A multiple of it.", (0.0, most)),
+        Control("length_scale", water, "slider", "eddies", eddies, (0.25, 4.0)),
+        Control("stiffness", water, "slider", "stiffness", modulus, (0.2, 5.0)),
+        Control("controller", control, "choice", "controller", options=modes),
+        Control("gains", control, "slider", "PID gains", "Multiple of kp, ki, kd.", (0.0, 3.0)),
+        Control("described", control, "button", "As described", "All sliders and target back."),
+        Control("throw", disturb, "button", "Throw debris"),
+        Control("force", disturb, "slider", "pull (N)", "Force of a pull.", (low, high)),
+        Control("pull", disturb, "buttons", "pull tip", "Pull for a second.", options=ways),
+        Control("target", "", "target", "target", ends=(-_FARTHEST, _FARTHEST), options=axes),
+    ]
+    without = [] if kinds else ["current"]
+    without += [] if "turbulence" in kinds else ["intensity", "length_scale"]
+    without += [] if len(modes) > 1 else ["controller"]
+    return {each.name: each for each in found if each.name not in without}
+
+
+class ControlPanel:
+    """Controls and numbers of a session, of which only constants are read here."""
+
+    def __init__(self, session: LiveSession, clock: RealTimeClock) -> None:
+        self._clock, self._kind = clock, session.kind
+        self._base = np.asarray(session.scenario.base.position)
+        self._axes = AXES[session.scenario.arm.dimension]
+        self._without = [] if session.bodies.debris is not None else ["throw"]
+        self.controls = controls_of(session)
+        self._numbers = AdjustableNumbers.__dataclass_fields__.keys() & self.controls.keys()
+        self._values = dict.fromkeys(self._numbers, 1.0) | {"force": session.tip_force}
+        self._actions = {
+            "run": clock.toggle_running,
+            "reset": clock.reset,
+            "record": clock.toggle_recording,
+            "throw": LiveSession.throw,
+        }
         self._hit = (0.0, -np.inf)
         """Total duration of contact since the start, and time of the last one (s)."""
-        self._errors: deque[tuple[float, float]] = deque()
-        self._sliders: dict[str, Any] = {}
-        server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
-        server.gui.main_panel.dock_right()
-        server.gui.set_panel_label(_plain(session.scenario.title or "crinoid live"))
-        self._numbers, self._line = self._gui.add_html(""), self._gui.add_html("")
-        self._go = self._add_button("Pause", clock.toggle_running)
-        hint = "Back to the start; sliders stay as set."
-        self._add_button("Reset", clock.reset, hint=hint)
-        self._record = self._add_button("Record", clock.toggle_recording, color="red")
-        self._add_numbers()
-        self._add_control()
-        self._add_disturbances()
-        self._chart = self._gui.add_uplot(
-            (np.zeros(2), np.zeros(2)),
-            (uplot.Series(label="time (s)"), uplot.Series(label=_ERROR, stroke=BLUE, width=2)),
-            scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-            legend=uplot.Legend(show=False),
-            title=f"{_ERROR} over time (s)",
-            height=160,
+        self._shown, self._in_time, self._state = -np.inf, time.perf_counter(), (False, False)
+        self._told: dict[str, Any] = {}
+
+    def hear(self, message: str | bytes) -> str:
+        """Do what a message of a page requests; return what is wrong with it, if anything."""
+        try:
+            said = json.loads(message)
+        except (ValueError, RecursionError):
+            said = None
+        if not isinstance(said, dict) or set(said) != {"name", "value"}:
+            return 'message: must be {"name": NAME, "value": VALUE}'
+        name, value = said["name"], said["value"]
+        if not isinstance(name, str) or name not in self.controls:
+            return f"name: {got(name, f'be {one_of(self.controls)}')}"
+        if name in self._off:
+            return f"{name}: is switched off now"
+        if mistake := self.controls[name].mistake(value):
+            return f"{name}: {mistake}"
+        self._do(name, value)
+        return ""
+
+    def text(self, status: SessionStatus | None = None) -> str:
+        """Return the state of controls, numbers and message; without a status with the last."""
+        if status is not None:
+            self._look(status)
+        said, wrong = self._clock.message
+        values = self._values | {"controller": self._kind}
+        said = _plain(said or self._told.get("late", ""))
+        return json.dumps(
+            self._told | {"values": values, "off": self._off, "said": said, "wrong": wrong}
         )
 
-    def show(self, status: SessionStatus) -> None:
-        """Show an instant."""
+    @property
+    def _off(self) -> list[str]:
+        """Names of the controls that are switched off."""
+        return self._without + ([] if self._kind == "pid" else ["gains"])
+
+    def _look(self, status: SessionStatus) -> None:
         now, frame = time.perf_counter(), status.frame
-        mode = status.running, status.recording is not None
         # a hit is over between two updates of the numbers
         if frame.touched > self._hit[0] or frame.touching:
             self._hit = (frame.touched, frame.time)
         elif frame.touched < self._hit[0]:
             self._hit = (frame.touched, -np.inf)
-        while self._errors and self._errors[-1][0] > frame.time:
-            self._errors.clear()  # it was reset
-        if not self._errors or frame.time > self._errors[-1][0]:
-            self._errors.append((frame.time, frame.error))
-        while frame.time - self._errors[0][0] > _SPAN:
-            self._errors.popleft()
+        if not 0 < status.factor < _SLOW:
+            self._in_time = now
         # another label of a button is shown without delay
-        if now - self._shown > _NUMBERS or mode != self._mode or not status.running:
-            self._show_numbers(status)
-            self._shown, self._mode = now, mode
-        if now - self._drawn > _CHART or not status.running:
-            times, errors = np.array(self._errors).T
-            self._chart.data = (times, 1e3 * errors)
-            self._drawn = now
-
-    def say(self, text: str, *, wrong: bool = False) -> None:
-        """Show a message of one line."""
-        colour = VERMILLION if wrong else BLUE
-        style = f"color:{colour};font-size:0.85em;padding:0 1em 0.4em;overflow-wrap:anywhere"
-        self._line.content = f'<div id="said" style="{style}">{escape(_plain(text))}</div>'
-
-    def _show_numbers(self, status: SessionStatus) -> None:
-        frame = status.frame
-        late = ", behind the clock" if status.factor < _SLOW else ""
-        speed = f"{status.factor:.2f} x real time{late}" if status.running else "paused"
-        rows = [("time", f"{frame.time:.2f} s"), ("speed", speed)]
-        rows.append(("tip error", length_unit(frame.error).text(frame.error)))
-        axes = [AXES[3].index(axis) for axis in AXES[self._scenario.arm.dimension]]
-        names = ", ".join(AXES[self._scenario.arm.dimension])
-        tip = frame.nodes[-1][axes] + np.asarray(self._scenario.base.position)
-        rows.append((f"tip {names}", f"{', '.join(f'{part:.3f}' for part in tip)} m"))
-        water = frame.flow[-1][axes]
-        rows.append((f"water {names}", f"{', '.join(f'{part:.3f}' for part in water)} m/s"))
-        for name, value in zip(CHANNELS[len(axes)], frame.servo, strict=True):
-            if name in self._scenario.base.channels.present:
-                unit = DEGREES if name in ANGLES else Unit(1e3, "mm")
-                rows.append((name, f"{value * unit.factor:.1f} {unit.name}"))
+        state = status.running, status.recording is not None
+        if now - self._shown < _PERIOD and state == self._state and status.running:
+            return
+        self._shown, self._state = now, state
+        speed = f"{status.factor:.2f} x real time" if status.running else "paused"
+        axes, names = [AXES[3].index(axis) for axis in self._axes], ", ".join(self._axes)
+        tip, water = frame.nodes[-1][axes] + self._base, frame.flow[-1][axes]
+        numbers = {
+            "time": f"{frame.time:.2f} s",
+            "speed": speed,
+            "tip error": length_unit(frame.error).text(frame.error),
+            f"tip {names}": f"{', '.join(f'{part:.3f}' for part in tip)} m",
+            f"water {names}": f"{', '.join(f'{part:.3f}' for part in water)} m/s",
+        }
         if len(frame.obstacles):
-            rows.append(("contact", "yes" if frame.time - self._hit[1] < _LATELY else "no"))
-        cells = "".join(
-            f'<tr><td style="color:{GREY};padding-right:1em;white-space:nowrap">{escape(name)}</td>'
-            f'<td style="font-variant-numeric:tabular-nums">{escape(text)}</td></tr>'
-            for name, text in rows
-        )
-        style = "font-size:0.85em;margin:0.2em 1em 0.4em;line-height:1.35"
-        self._numbers.content = f'<table id="numbers" style="{style}">{cells}</table>'
-        self._go.label = "Pause" if self._clock.running else "Run"
+            numbers["contact"] = "yes" if frame.time - self._hit[1] < _LATELY else "no"
         recorded = f"Stop and save ({status.recording or 0.0:.1f} s)"
-        self._record.label = "Record" if status.recording is None else recorded
-        self.say(status.message, wrong=status.wrong)
+        late = now - self._in_time > _LATE
+        self._told = {
+            "numbers": numbers,
+            "late": f"{status.factor:.2f} {_LATE_HINT}" if late else "",
+            "run": "Pause" if self._clock.running else "Run",
+            "record": "Record" if status.recording is None else recorded,
+        }
 
-    def _add_button(self, label: str, action: Action, **options: Any) -> Any:
-        button = self._gui.add_button(label, **options)
-        button.on_click(lambda _: self._clock.request(label, action))
-        return button
+    def _do(self, name: str, value: Any) -> None:
+        request = self._clock.request
+        if name in self._actions:
+            request(name, self._actions[name])
+        elif name in self._values:
+            self._values[name] = float(value)
+            if name in self._numbers:
+                request(name, lambda session: session.adjust(**{name: float(value)}))
+        elif name == "target":
+            request(name, lambda session: session.drag(value))
+        elif name == "pull":
+            size = self._values["force"] * (-1.0 if value[0] == "-" else 1.0)
+            vector = [size if axis == value[1] else 0.0 for axis in self._axes]
+            request(name, lambda session: session.pull(vector))
+        elif name == "described":
+            self._values |= dict.fromkeys(self._numbers, 1.0)
+            request(name, self._restore)
+        elif value != self._kind:
+            self._kind = value
+            self._clock.say(f"{value} is set up, which may take a minute the first time")
+            request(name, lambda session: self._switch(session, value))
 
-    def _add_numbers(self) -> None:
-        kinds = {flow.kind for flow in self._scenario.flow}
-        with self._gui.add_folder("Water and arm"):
-            if kinds:
-                self._add_slider("current", "current", 0.0, 3.0, "of the velocity of all flows")
-            if "turbulence" in kinds:
-                shares = [getattr(flow, "intensity", 0.0) for flow in self._scenario.flow]
-                most = float(np.floor(20 * min(_MOST_TURBULENT, 1 / max(shares))) / 20)
-                self._add_slider("intensity", "turbulence", 0.0, most, "of its intensity")
-                self._add_slider("length_scale", "eddies", 0.25, 4.0, "of their length scale")
-            modulus = "of Young's modulus, or of EA, EI and GJ"
-            self._add_slider("stiffness", "stiffness", 0.2, 5.0, modulus)
+    def _restore(self, session: LiveSession) -> None:
+        session.adjust(**dict.fromkeys(self._numbers, 1.0))
+        session.drag(None)
 
-    def _add_control(self) -> None:
-        with self._gui.add_folder("Control"):
-            if len(self._kinds) > 1:
-                choice = self._gui.add_dropdown("controller", self._kinds, initial_value=self._kind)
-                choice.on_update(lambda _: self._switch(choice))
-            self._add_slider("gains", "PID gains", 0.0, 3.0, "of kp, ki and kd")
-            self._sliders["gains"].disabled = self._kind != "pid"
-            back = self._gui.add_button("As described", hint="All sliders and the target back.")
-
-            @back.on_click
-            def _(_: Any) -> None:
-                for slider in self._sliders.values():
-                    slider.value = 1.0
-                self._clock.request("target", lambda session: session.drag(None))
-
-    def _switch(self, choice: Any) -> None:
-        kind = str(choice.value)
-
-        def switch(session: LiveSession) -> None:
-            try:
-                session.control(kind)
-                self._clock.say("")
-            finally:
-                choice.value = session.kind
-                self._sliders["gains"].disabled = session.kind != "pid"
-
-        self.say(f"{kind} is set up, which may take a minute the first time")
-        self._clock.request("controller", switch)
-
-    def _add_disturbances(self) -> None:
-        with self._gui.add_folder("Disturb"):
-            self._add_button("Throw debris", LiveSession.throw, disabled=not self._debris)
-            low, high = (each * self._strength for each in _PULLS)
-            hint = "Force of a pull."
-            force = self._gui.add_slider(
-                "pull (N)", low, high, high / 40, self._strength, hint=hint
-            )
-            axes = AXES[self._scenario.arm.dimension]
-            ways = {f"{sign}{axis}": (sign, axis) for axis in axes for sign in ("-", "+")}
-            pull = self._gui.add_button_group("pull tip", tuple(ways))
-
-            @pull.on_click
-            def _(event: Any) -> None:
-                sign, axis = ways[event.target.value]
-                size = float(force.value) * (-1 if sign == "-" else 1)
-                vector = [size if each == axis else 0.0 for each in axes]
-                self._clock.request("pull", lambda session: session.pull(vector))
-
-    def _add_slider(self, name: str, label: str, low: float, high: float, hint: str) -> None:
-        start, hint = getattr(AdjustableNumbers(), name), f"A multiple {hint}."
-        slider = self._sliders[name] = self._gui.add_slider(
-            label, low, high, 0.05, start, hint=hint
-        )
-
-        @slider.on_update
-        def _(_: Any) -> None:
-            value = float(slider.value)
-            self._clock.request(name, lambda session: session.adjust(**{name: value}))
+    def _switch(self, session: LiveSession, kind: str) -> None:
+        try:
+            session.control(kind)
+            self._clock.say("")
+        finally:
+            self._kind = session.kind
 
 
 def _plain(text: str) -> str:

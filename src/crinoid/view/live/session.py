@@ -114,7 +114,7 @@ class LiveSession(SteppedRun):
             if self._log is not None:
                 self._log.append(some)
         if self.failed is not None:
-            self.halted = self._failure(self.failed)
+            self.halted = f"{self._failure(self.failed)}. Press Reset."
         elif self.steps == total:
             self.halted = f"over at t = {self.time:.6g} s: the session ends here. Press Reset."
         return self.steps - done

@@ -33,6 +33,8 @@ class Snapshot(NamedTuple):
     time: float
     nodes: Points  # positions of the nodes, the root first
     flow: Points  # velocity of the water at the nodes
+    curvature: Float[np.ndarray, " node"]  # signed in the plane (1/m)
+    speed: Float[np.ndarray, " node"]  # m/s
     target: Point
     error: float  # distance of the tip from the target
     obstacles: Points  # positions of the obstacles, the debris last
@@ -42,6 +44,7 @@ class Snapshot(NamedTuple):
     holding: bool  # whether the tip carries its tool
     pull: Point  # force of a pull at the tip
     servo: Float[np.ndarray, " channel"]  # positions of the base's servos (m, rad)
+    drive: Float[np.ndarray, " input"]  # drives of the actuators, each in its unit
     pose: Float[np.ndarray, " channel"]  # displacement of the base (m, rad)
     vehicle: Float[np.ndarray, " channel"] | None  # that of a submarine that floats
 
@@ -51,10 +54,13 @@ class Snapshot(NamedTuple):
         axes = len(origin)
         apart = np.asarray(now.tip)[:axes] - np.asarray(now.reference)[:axes]
         places, axes_now, touch = now.obstacle_position, now.obstacle_axis, now.touch
+        bent = np.asarray(now.curvature)
         return Snapshot(
             time=float(now.time),
             nodes=in_three(now.position),
             flow=in_three(now.flow_velocity),
+            curvature=bent if bent.ndim == 1 else np.linalg.norm(bent, axis=1),
+            speed=np.linalg.norm(np.asarray(now.velocity), axis=1),
             target=in_three(np.asarray(now.reference)[:axes] - origin),
             error=float(np.linalg.norm(apart)),
             obstacles=np.zeros((0, 3)) if places is None else in_three(places),
@@ -64,6 +70,7 @@ class Snapshot(NamedTuple):
             holding=now.held is not None and bool(now.held),
             pull=in_three(pull) if len(pull) else np.zeros(3),
             servo=np.asarray(now.servo),
+            drive=np.zeros(0) if now.drive is None else np.asarray(now.drive),
             pose=np.asarray(now.pose),
             vehicle=None if now.vehicle is None else np.asarray(now.vehicle.pose),
         )

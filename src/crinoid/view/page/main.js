@@ -11,11 +11,6 @@ class Page {
     this.charts = new Charts(said, this.byId("charts"), (time) => { this.go(time); }, () => {});
     const wanted = (this.end - this.begin) / 40;
     this.speed = wanted < 0.1 ? SPEEDS.find((s) => s >= (this.end - this.begin) / 10) || 1 : SPEEDS.find((s) => s >= Math.max(1, wanted)) || 1000;
-    for (const speed of SPEEDS) {
-      const option = make("option", "", this.byId("speed"), `${speed} ×`);
-      option.value = speed;
-      option.selected = speed === this.speed;
-    }
     this.controls();
   }
 
@@ -108,6 +103,11 @@ class Page {
   }
 
   controls() {
+    for (const speed of SPEEDS) {
+      const option = make("option", "", this.byId("speed"), `${speed} ×`);
+      option.value = speed;
+      option.selected = speed === this.speed;
+    }
     const scrub = this.byId("scrub");
     Object.assign(scrub, { min: this.begin, max: this.end, value: this.begin, disabled: this.end <= this.begin });
     scrub.addEventListener("input", () => { this.play(false); this.go(Number(scrub.value)); });
@@ -151,7 +151,7 @@ class Page {
       const fields = this.scene.fields.map(({ name, label }) => [name, label]);
       this.choice(bar, "Colour", [...fields, ["", "plain"]], this.scene.colour, (value) => { this.scene.colour = value; this.scene.recolour(); });
     }
-    if (this.scene.members.length > 1) this.choice(bar, "Without control", [["ghost", "ghost"], ["beside", "side by side"], ["none", "hidden"]], this.scene.other, (value) => { this.scene.other = value; this.refit(); });
+    if (this.scene.members.length > 1) this.choice(bar, this.said.ghost || "Without control", [["ghost", "ghost"], ["beside", "side by side"], ["none", "hidden"]], this.scene.other, (value) => { this.scene.other = value; this.refit(); });
   }
 
   choice(bar, label, options, chosen, act) {
@@ -261,7 +261,3 @@ class Page {
     });
   }
 }
-
-const told = (id) => JSON.parse(document.getElementById(id).textContent);
-globalThis.crinoid = new Page({ ...told("table"), document: told("document") });
-globalThis.crinoid.start();

@@ -75,18 +75,27 @@ class Pack:
 
 
 def html_page(
-    body: str, scripts: Iterable[str], *, title: str, version: object, kind: str = ""
+    body: str,
+    scripts: Iterable[str],
+    *,
+    title: str,
+    version: object,
+    kind: str = "",
+    connects: bool = False,
 ) -> str:
     """Return a page of a body in HTML, whose scripts are allowed by their digests only.
 
-    ``title`` and ``version`` are text and are escaped; ``kind`` is the class of the body.
+    ``title`` and ``version`` are text and are escaped; ``kind`` is the class of the body. A page
+    that ``connects`` may open a connection to the server that it is from.
     """
     scripts = list(scripts)
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()) for text in scripts]
+    origin = "'self'" if connects else "'none'"
     allowed = " ".join(f"'sha256-{digest.decode('ascii')}'" for digest in digests)
     return Template(read_part("frame.html")).substitute(
         policy=(
             f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
+            f"connect-src {origin}; "
             "img-src data: blob:; base-uri 'none'; form-action 'none'"
         ),
         version=escape(str(version)),
@@ -123,6 +132,11 @@ def json_of(value: Any) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
+def stage_of(still: str, bar: str, keys: str) -> str:
+    """Return the place of a scene as HTML: a drawing until it is drawn, buttons, and a hint."""
+    return Template(read_part("stage.html")).substitute(still=still, bar=bar, keys=keys)
+
+
 _SHARED = {"PRESETS": PRESETS, "SPEEDS": SPEEDS, "RAMPS": RAMPS, "TRAVELS": TRAVELS, "ROOM": NEAR}
 
 
@@ -133,9 +147,12 @@ def join_scripts(*names: str) -> str:
     return f'"use strict";\n(() => {{\n{parts}\n}})();'
 
 
-def run_script() -> str:
-    """Return the script that shows a run."""
-    return join_scripts("tools", "unpack", "space", "camera", "paint", "scene", "charts", "main")
+_RUN = ("tools", "unpack", "space", "camera", "paint", "scene", "charts", "main")
+
+
+def run_script(*more: str) -> str:
+    """Return the script that shows a run, with more files before its last."""
+    return join_scripts(*_RUN, *more, "open")
 
 
 def bokeh_script() -> str:

@@ -30,7 +30,7 @@ class Member {
     const frame = read(this.frame), column = (i) => [frame[i], frame[3 + i], frame[6 + i]];
     this.now = {
       at, share, root: [...root], target: [...read(this.target)], anchor: [...read(this.anchor)],
-      ahead: V.unit(read(this.ahead)), frame: [0, 1, 2].map(column), held: this.held.values[at] > 0.5,
+      ahead: V.unit(read(this.ahead)), frame: [0, 1, 2].map(column), held: this.held.values[this.held.rows === 1 ? 0 : at] > 0.5,
       tip: [0, 1, 2].map((d) => this.points[3 * this.nodes - 3 + d]),
       shares: this.threads.map((thread) => read(thread.share)[0]), director: this.director && read(this.director),
       bodies: this.bodies.map((body) => [body.path, body.half].map((each) => [...between(each, at, share, new Float32Array(3))])),
@@ -180,6 +180,11 @@ class Scene {
     this.trail(member, time, alone ? tones.free : tones.run);
     if (member.aims) this.aim(now.target, member);
     this.flow(time);
+    if (this.pull) { // of a live session
+      const pieces = [];
+      this.arrow(now.tip, this.pull, tones.free, pieces);
+      paint.lines(pieces, 3);
+    }
     for (const i of ghosts) {
       const other = this.members[i];
       paint.draw(this.arms[i], placed([1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]), [...tones.free, 0.3], { culled: true });
@@ -321,13 +326,18 @@ class Scene {
     const along = this.far ? V.sub(this.members[0].now.root, this.mean) : [0, 0, 0];
     this.water.start.forEach((begin, i) => {
       const start = V.add(begin, along);
-      const way = V.by([v[3 * i], v[3 * i + 1], v[3 * i + 2]], 1 / this.water.scale), long = V.size(way);
-      if (long < 1e-3 * length) return;
-      const head = Math.min(0.035 * length, 0.5 * long), x = V.unit(way), y = V.by(V.aside(x), 0.32 * head), end = V.add(start, way), neck = V.sub(end, V.by(x, head));
-      pieces.push([start, neck, [...tone, 0.85]]);
-      paint.draw(paint.meshes.cone, placed(V.by(x, head), y, V.cross(x, y), neck), [...tone, 1]);
+      const way = V.by([v[3 * i], v[3 * i + 1], v[3 * i + 2]], 1 / this.water.scale);
+      if (V.size(way) > 1e-3 * length) this.arrow(start, way, tone, pieces);
     });
     paint.lines(pieces, 2);
+  }
+
+  // The head of an arrow; its shaft joins the pieces of a line.
+  arrow(start, way, tone, pieces) {
+    const { paint, length } = this, head = Math.min(0.035 * length, 0.5 * V.size(way));
+    const x = V.unit(way), y = V.by(V.aside(x), 0.32 * head), neck = V.sub(V.add(start, way), V.by(x, head));
+    pieces.push([start, neck, [...tone, 0.85]]);
+    paint.draw(paint.meshes.cone, placed(V.by(x, head), y, V.cross(x, y), neck), [...tone, 1]);
   }
 }
 

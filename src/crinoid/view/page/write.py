@@ -19,6 +19,7 @@ from crinoid.view.page.scene import page_scene, scene_of, still_of
 
 LARGEST = 800_000  # most characters
 _NODES = 61
+_KEYS = "Space plays; the arrow keys step through the saved instants."
 _FRAMES = (301, 151, 76, 31)  # most instants, in the order of trials until the page is small enough
 
 
@@ -40,7 +41,7 @@ def _animation(run: Result, scene: Scene, charts: list[Any]) -> tuple[dict[str, 
     shapes, numbers, left_out = scene_of(scene)
     times, span = shapes["members"][0]["time"], _span(run)
     table = {"span": span, "times": times, "scene": shapes, "charts": charts}
-    stage = Template(parts.read_part("stage.html")).substitute(still=still_of(scene))
+    stage = parts.stage_of(still_of(scene), parts.read_part("playback.html"), _KEYS)
     return {"stage": stage, "table": parts.json_of(table), "numbers": numbers}, left_out
 
 
