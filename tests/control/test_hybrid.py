@@ -163,7 +163,7 @@ def test_the_swing_is_that_of_an_elastic_line():
 
 
 MISTAKES = {
-    "base.channels={}": "base.channels.slide: missing; must be a table, under single [ ]",
+    "base.channels={}": "base.channels.slide: missing; must be a table with control.kind",
     "base.channels.slide.range=[0.0, 0.5]": "base.channels.slide.range: got [0.0, 0.5]",
     'base.mount="pinned"': 'base.mount: got "pinned"; must be "clamped"',
     "base.tilt_deg=80": "base.tilt_deg: got 80.0; must be 90",

@@ -33,7 +33,8 @@ def _measured(text: str) -> Option:
     def missing(path: Path) -> str:
         if not path.exists():
             return f"{path}: no such file"
-        if path.suffix != ".toml" or re.search("^\\W*experiment", path.read_text("utf-8"), re.M):
+        tables = r"^\[\[?(arm|base|water|flow|control|target|simulation)\b"
+        if path.suffix != ".toml" or not re.search(tables, path.read_text("utf-8"), re.M):
             return ""
         return f"got {path}, a scenario; must be a record of measurements"
 

@@ -61,8 +61,9 @@ _NEAR = re.compile(r"(?:Did you mean|Possible options:) (.*?)[?)]*$")
 
 @contextmanager
 def _in_one_line(words: Sequence[str]) -> Iterator[None]:
-    for flag, given, value in zip(words, words[1:], [*words[2:], "VALUE"], strict=False):
-        if flag in ("--set", "--vary", "--over", "--draw") and not re.search("=|^-", given):
+    for flag, given, value in zip(words, words[1:], words[2:], strict=False):
+        pair = flag in ("--set", "--vary", "--over", "--draw") and not value.startswith("-")
+        if pair and not re.search("=|^-", given):
             stop(f'{flag}: got "{given}"; must be KEY=VALUE. Write {flag} {given}={value}.')
     try:
         yield

@@ -50,10 +50,10 @@ _ROUND_OFF = 1e-6  # share of the arm's length
 
 
 def without_round_off(
-    lengths: Float[np.ndarray, "*shape"], arm: float
+    values: Float[np.ndarray, "*shape"], size: float
 ) -> Float[np.ndarray, "*shape"]:
-    """Return lengths with zeros in place of those that are round-off beside an arm's length."""
-    return np.where(np.abs(lengths) < _ROUND_OFF * arm, 0.0, lengths)
+    """Return values with zeros in place of those that are round-off beside a size."""
+    return np.where(np.abs(values) < _ROUND_OFF * size, 0.0, values)
 
 
 def length_text(length: float) -> str:

@@ -170,7 +170,7 @@ class Page:
         """Return the page as HTML, with the present instant."""
         scenario, scene = self._scenario, self._scene.scene(self._now, self._start)
         table, numbers, _ = scene_of(scene)
-        plots = plots_of(self._charts.charts, 0.0, SPAN, scenario.arm.length)
+        plots = plots_of(self._charts.charts, 0.0, SPAN)
         time = self._now.time
         arm = "arm in space" if scenario.arm.dimension == 3 else "planar arm"
         kind = f"live · {arm} · {scenario.arm.nodes} nodes"

@@ -1,7 +1,6 @@
 """Charts of a page as documents of Bokeh, and their legends."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -11,13 +10,13 @@ from bokeh.document import Document
 from bokeh.models.annotations import BoxAnnotation, Span
 from jaxtyping import Float, Int
 
-from crinoid.results.units import DEGREES, Unit, largest
+from crinoid.results.units import largest
 from crinoid.view.figures.charts.chart import Chart, Panel, Trace
 from crinoid.view.figures.charts.drive import THROUGH
 
 RECORDS = 1501  # most values of a trace; above it only extremes remain
 _EDGE = 58  # pixels for the numbers of an axis, the same in all panels to align their times
-_NOISE = 1e-6  # of the arm's length, rad, N, or of the largest value: less is round-off
+_NOISE = 1e-6  # of the largest value: less is round-off
 _FOLDED = {"energy", "effort"}  # charts that are folded away
 _DASHES = {"solid": [], "dashed": [6, 3], "dotted": [2, 3], "filled": []}
 
@@ -31,8 +30,8 @@ class PlotDocument(NamedTuple):
     left_out: list[str]
 
 
-def plots_of(charts: list[Chart], begin: float, end: float, length: float) -> PlotDocument:
-    """Return the plots of charts over a time span (s), of an arm of a length (m)."""
+def plots_of(charts: list[Chart], begin: float, end: float) -> PlotDocument:
+    """Return the plots of charts over a time span (s)."""
     document = Document()
     span = models.Range1d(start=begin, end=end if end > begin else begin + 1.0)
     listed: list[dict[str, Any]] = []
@@ -40,7 +39,7 @@ def plots_of(charts: list[Chart], begin: float, end: float, length: float) -> Pl
     most = 0
     for chart in charts:
         panels = []
-        filled = [some for each in chart.filled if (some := _without_noise(each, length))]
+        filled = chart.filled
         for panel in filled:
             last = panel is filled[-1]
             plot, count = _panel(panel, span, last)
@@ -58,31 +57,6 @@ def plots_of(charts: list[Chart], begin: float, end: float, length: float) -> Pl
     )
     left_out = [note] if most > RECORDS else []
     return PlotDocument(dict(document.to_json(deferred=False)), listed, left_out)
-
-
-def _without_noise(panel: Panel, length: float) -> Panel | None:
-    """Return a panel with zeros where all of it is round-off of an arm at rest.
-
-    A panel over frequency is then left out.
-    """
-    sizes = dict.fromkeys(("m", "mm", "\N{MICRO SIGN}m"), length) | {"deg": 1.0}
-    roots = sizes | {"N": 1.0, "(N m)": 1.0}
-    sizes |= {f"{unit}\N{SUPERSCRIPT TWO}/Hz": size for unit, size in roots.items()}
-    name = panel.unit.name if panel.unit else ""
-    least, most = _NOISE * sizes.get(name, 0.0), largest(*(each.values for each in panel.traces))
-    if panel.over:
-        return None if math.sqrt(most * panel.over[1]) < least else panel
-    if most >= least:
-        return panel
-    unit = DEGREES if name == "deg" else Unit(1e3, "mm")
-    traces = tuple(
-        replace(each, values=0.0 * each.values, summary=each.summary and "at rest")
-        for each in panel.traces
-    )
-    levels = tuple(each for each in panel.levels if not 0.0 < abs(each.value) < least)
-    high = max([1.0 / unit.factor, *(1.1 * each.value for each in levels)])
-    low = panel.low if panel.low == 0.0 else -high
-    return replace(panel, unit=unit, traces=traces, levels=levels, low=low, high=high)
 
 
 def empty_plot(**options: Any) -> models.Plot:

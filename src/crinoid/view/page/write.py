@@ -66,7 +66,7 @@ def page_of(run: Result) -> str:
     still = run.dataset.sizes["time"] == 1
     charts = [] if still else [chart for _, chart in charts_of(run)]
     begin, end = _span(run)
-    plots = plots_of(charts, begin, end, run.known_scenario.arm.length)
+    plots = plots_of(charts, begin, end)
     texts, left_out = _animation(run, page_scene(run), plots.charts)
     attributes = run.dataset.attrs
     scenario = str(attributes.get("scenario", ""))

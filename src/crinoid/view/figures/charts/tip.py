@@ -104,6 +104,7 @@ def _off_direction(run: Result) -> Panel:
     for (label, each), role in zip(run.members, MEMBER_ROLES, strict=False):
         data, off = each.dataset, off_direction(each.dataset)
         if off is not None:
+            off = without_round_off(off, 1.0)
             judged = off[judged_or_all(each)]
             most = DEGREES.text(largest(judged))
             summary = f"RMS {DEGREES.text(rms(judged))}, maximum {most}"
