@@ -154,7 +154,7 @@ def _ends(panel: Panel) -> tuple[float, float]:
     together = np.concatenate([*found, [0.0]] if not any(map(np.size, found)) else found)
     low, high = float(together.min()), float(together.max())
     most = largest(together)
-    room = 0.06 * (high - low) if high - low > _NOISE * most else 0.1 * most or 1.0
+    room = 0.06 * (high - low) if high - low > _NOISE * most else 0.1 * most or 1.0 / panel.factor
     low = low - room if panel.low is None else panel.low
     high = high + room if panel.high is None else panel.high
     return low * panel.factor, high * panel.factor

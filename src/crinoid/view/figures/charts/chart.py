@@ -102,7 +102,7 @@ class Panel:
         zeroed = [np.where(np.abs(each.values) < least, 0.0, each.values) for each in self.traces]
         pairs = zip(self.traces, zeroed, strict=True)
         traces = tuple(replace(trace, values=values) for trace, values in pairs)
-        return replace(self, traces=traces, high=self.high if most >= least else None)
+        return replace(self, traces=traces, high=None if 0.0 < most < least else self.high)
 
 
 @dataclass(frozen=True)
