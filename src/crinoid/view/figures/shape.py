@@ -222,7 +222,7 @@ def _panels(
     panel = window * min(inside / columns / window[0], _TALLEST * style.scale() / rows / window[1])
     # narrow panels leave room for the key beside them
     free = inside - columns * panel[0]
-    beside = free > _KEY_WIDE
+    beside = bool(free > _KEY_WIDE)
     left += 0.0 if beside else free / 2
     inner = rows * panel[1] + (rows - 1) * gap[1]
 
