@@ -260,9 +260,9 @@ def test_run_saves_and_report_draws(here):
     result = Result.load(folder)
     assert float(result.dataset["time"][-1]) == pytest.approx(0.3)
     assert result.status == "ok"
-    for ending in ("png", "pdf"):
+    for ending, name in (("png", "shape.png"), ("pdf", "report.pdf")):
         succeeded("report", folder, "--format", ending)
-        assert (folder / f"shape.{ending}").stat().st_size > 10_000
+        assert (folder / name).stat().st_size > 10_000
 
 
 def test_notes_that_differ_in_numbers_only_are_one():

@@ -128,7 +128,7 @@ def test_a_plot_keeps_what_its_backend_sets_when_it_is_loaded(tmp_path):
     # the backend of notebooks shows figures only while this setting is on
     backend = "from matplotlib.backends.backend_agg import *\nmatplotlib.interactive(True)\n"
     (tmp_path / "shows.py").write_text(f"import matplotlib\n{backend}")
-    code = "import matplotlib, crinoid.view.notebook as n\nwith n._axes([1.0], None): pass\n"
+    code = "import matplotlib, crinoid.view.notebook as n\nwith n._axes([1.0], None, None): pass\n"
     path = os.pathsep.join([str(tmp_path), *sys.path])
     ended = subprocess.run(
         [sys.executable, "-c", f"{code}print(matplotlib.is_interactive())"],

@@ -136,7 +136,7 @@ class Session(Faced, SteppedRun):
         self.seen: ControllerInput
         """What a controller sees at the present instant; its arrays are NumPy's."""
         every = setup.loop.system.inputs
-        self._rows = [row for row, each in enumerate(every) if each.lower < each.upper]
+        self._rows = np.flatnonzero([each.lower < each.upper for each in every])
         self.inputs: tuple[Input, ...] = tuple(every[row] for row in self._rows)
         """The inputs that can move: those that a command is for, in its order."""
         step, stride = self.scenario.simulation.time_step, self.scenario.output_steps
@@ -307,7 +307,7 @@ class Session(Faced, SteppedRun):
 
     def _go_to_command(self) -> ControllerInput:
         """Advance to the present or the first command."""
-        _, due, _ = _see(self.loop, self.state)
+        _, due, _ = _see(self.loop, self.state, self._rows)
         return self._go_to(min(int(due), self.scenario.simulation.steps))
 
     def _go_to(self, end: int) -> ControllerInput:
@@ -316,11 +316,9 @@ class Session(Faced, SteppedRun):
         while self.steps < end and self.failed is None:
             if (some := self.advance_to(end)) is not None:
                 self._sink.append(some)
-        found, _, following = _see(self.loop, self.state)
+        found, _, following = _see(self.loop, self.state, self._rows)
         self._next = int(following)
-        found = jax.tree.map(np.asarray, found)
-        own = {name: getattr(found, name)[self._rows] for name in _OF_INPUTS}
-        self.seen = replace(found, **own)
+        self.seen = jax.tree.map(np.asarray, found)
         self._spent += time.perf_counter() - started
         if self.failed is not None:
             raise SimulationError(self.result())
@@ -360,7 +358,13 @@ class Session(Faced, SteppedRun):
 
 
 @compiled(**OFTEN)
-def _see(loop: Loop, state: LoopState) -> tuple[ControllerInput, Int[Array, ""], Int[Array, ""]]:
-    """Return what a controller sees, and the time steps of the present and the next command."""
+def _see(
+    loop: Loop, state: LoopState, rows: Int[Array | np.ndarray, " input"]
+) -> tuple[ControllerInput, Int[Array, ""], Int[Array, ""]]:
+    """Return what a controller of some inputs sees, and the time steps of two commands.
+
+    These are the present one and the next.
+    """
     seen = loop.seen(state.state, loop.sensed(state), state.command)
+    seen = replace(seen, **{name: getattr(seen, name)[rows] for name in _OF_INPUTS})
     return seen, loop.command_step(state.ticks), loop.command_step(state.ticks + 1)
