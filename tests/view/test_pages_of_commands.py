@@ -46,10 +46,13 @@ def look_at_study(browser, folder, cases, measured=True):
             assert opened.ask("() => crinoid.where(0).every(Number.isFinite)")
 
 
-def look_at_run(browser, folder, rows=20, charts=5):
+def look_at_run(browser, folder, rows=6, charts=5):
     with Looked(browser, folder / "report.html", rows) as opened:
         drawn = "() => document.querySelector('.stage').classList.contains('drawn')"
         assert opened.ask(drawn)
+        for folded in opened.page.get_by_text("All numbers").all():
+            folded.click()
+            assert opened.page.locator("tbody tr:visible").count() >= rows + 15
         begin, end = opened.ask("() => [crinoid.begin, crinoid.end]")
         for share in (0.0, 0.37, 1.0):
             opened.ask("(time) => crinoid.go(time)", begin + share * (end - begin))
