@@ -15,7 +15,7 @@ from crinoid.analysis.model_files import FORMATS
 from crinoid.analysis.sampled_plant import GROWS, System
 from crinoid.assembly.linear import SHARE
 from crinoid.foundation.atomic_file import FilePath, atomic_write
-from crinoid.foundation.face import Faced, cut_list, titled, with_units
+from crinoid.foundation.representation import Represented, cut_list, titled, with_units
 from crinoid.foundation.version import __version__
 from crinoid.numerics.signals_and_systems import Reduced, balanced_by_reach
 from crinoid.results.dataset import described
@@ -39,7 +39,7 @@ SWINGS = 1e-2
 
 
 @dataclass(frozen=True, repr=False)
-class StateSpaceModel(Faced):
+class StateSpaceModel(Represented):
     """Linear model in discrete time: ``x' = A x + B u``, ``y = C x + D u``.
 
     States ``x``, inputs ``u`` and outputs ``y`` are deviations from the operating point. ``x'`` are
@@ -88,7 +88,7 @@ class StateSpaceModel(Faced):
         scaled = {"output_scales": scales, "hankel": values, "lasting": lasting}
         return StateSpaceModel(**system._asdict(), **others, **scaled)
 
-    def _face(self) -> tuple[str, dict[str, str]]:
+    def _representation(self) -> tuple[str, dict[str, str]]:
         return titled("Linear model", self.title, self.words), {
             "states": cut_list(with_units(self.states, self.state_units)),
             "inputs": cut_list(with_units(self.inputs, self.input_units)),

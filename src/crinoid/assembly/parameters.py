@@ -31,7 +31,7 @@ from crinoid.elements import Oscillator, Synchronisation, Vortices, WakeOscillat
 from crinoid.elements.material import branches_of_loss_factor
 from crinoid.elements.water import cylinder_added_mass
 from crinoid.flow import Flow, Waves
-from crinoid.foundation.face import Faced, cut_list
+from crinoid.foundation.representation import Represented, cut_list
 from crinoid.rod import Rod
 from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 
@@ -265,7 +265,7 @@ class SimulationParameters(eqx.Module):
         )
 
 
-class Parameters(Faced, eqx.Module):
+class Parameters(Represented, eqx.Module):
     """All numbers that a `crinoid.System` is assembled from, and the gains; a pytree of arrays.
 
     The result of `crinoid.parameters`, and the argument of `crinoid.assemble`. A changed number
@@ -290,7 +290,7 @@ class Parameters(Faced, eqx.Module):
     simulation: SimulationParameters
     load_builders: tuple[Builder, ...] = eqx.field(static=True)
 
-    def _face(self) -> tuple[str, dict[str, str]]:
+    def _representation(self) -> tuple[str, dict[str, str]]:
         tables: dict[str, list[str]] = {}
         for table, name, value in parameter_rows(self):
             tables.setdefault(table, []).append(f"{name} {value}")

@@ -13,7 +13,7 @@ from crinoid.cli.command import console
 from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own, clear_own
-from crinoid.foundation.face import with_units
+from crinoid.foundation.representation import with_units
 from crinoid.scenario import Scenario, ScenarioError, refusal
 
 _MOST_POLES = 8

@@ -26,7 +26,6 @@ from crinoid.numerics import banded
 from crinoid.rod.reference import Reference
 
 Command = Float[Array, " input"]
-Rows = Float[Array, "rows b"]
 
 
 class System(eqx.Module):

@@ -11,11 +11,11 @@ import numpy as np
 import xarray as xr
 
 from crinoid.foundation.atomic_file import FilePath, atomic_write
-from crinoid.foundation.face import Faced
-from crinoid.foundation.result_variables import of_dimension
+from crinoid.foundation.representation import Represented
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.readable import readable
+from crinoid.results.result_checks import fault_of
 from crinoid.results.result_file import CHECKPOINT, attributes, named_leaves, write_result
 from crinoid.results.stream import (
     check_size,
@@ -36,15 +36,6 @@ TRAINING = "training.nc"
 UNFINISHED = "unfinished: it is still run, or the program was killed; --resume goes on"
 """Status in a file that grows."""
 
-_REQUIRED = (
-    *("tip_position", "tip_target", "tip_error", "tip_angle"),
-    *("base_command", "base_servo", "base_force", "base_moment"),
-    *("channel_lower", "channel_upper", "channel_max_speed", "channel_max_acceleration"),
-    *("energy", "steps", "newton_iterations", "residual"),
-)
-_MOTION = ("position", "velocity", "acceleration")
-"""Variables without which a file is no result, and those that a scenario may leave out."""
-
 Tree = TypeVar("Tree")
 
 
@@ -52,7 +43,7 @@ class ResultError(ValueError):
     """A file without a result, or with one that cannot be resumed."""
 
 
-class Result(Faced):
+class Result(Represented):
     """A run: its data, how it ended, and the same case without control if that was run too.
 
     Parameters
@@ -196,10 +187,10 @@ class Result(Faced):
 
         return Plots(self)
 
-    def _face(self) -> tuple[str, dict[str, str]]:
-        from crinoid.results.face import face_of
+    def _representation(self) -> tuple[str, dict[str, str]]:
+        from crinoid.results.representation import represent
 
-        return face_of(self)
+        return represent(self)
 
     def _repr_html_(self) -> str:
         """Return it as notebooks show it: a small animation, and its numbers."""
@@ -323,26 +314,11 @@ def _read(path: Path, lazily: bool) -> Result:
     except Exception as error:  # a file that is broken makes its readers raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ResultError(f"{path}: not a result of crinoid ({reason})") from error
-    for name in ("time", "axis", "channel", "kind"):
-        if name not in dataset.variables or dataset[name].dims != (name,):
-            raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {name}")
     result = Result(dataset, checkpoint)
     scenario, _ = result.readable
-    chosen = scenario is not None and scenario.output.variables
-    for name in (*_REQUIRED, *(() if chosen else _MOTION)):
-        if name not in dataset.variables:
-            raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
-    expected = {name: each.dims for name, each in of_dimension(dataset.sizes["axis"]).items()}
-    for name, dims in {"time": ("time",), **expected}.items():
-        found = dataset.variables.get(name)
-        if found is not None and (found.dims != dims or found.dtype.kind not in "fi"):
-            text = f"not a result of crinoid, its {name} is no array of numbers over "
-            raise ResultError(f"{path}: {text}{', '.join(dims)}")
-    if not dataset.sizes["time"]:
-        raise ResultError(f"{path}: not a result of crinoid, it holds no instant")
-    for name, kind in {"status": str, "scenario": str, "wall_time": float}.items():
-        if not isinstance(dataset.attrs.get(name), kind):
-            raise ResultError(f"{path}: not a result of crinoid, it does not say its {name}")
+    chosen = scenario is not None and bool(scenario.output.variables)
+    if fault := fault_of(dataset, positions=not chosen):
+        raise ResultError(f"{path}: not a result of crinoid, {fault}")
     return result
 
 

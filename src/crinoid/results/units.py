@@ -52,7 +52,7 @@ _ROUND_OFF = 1e-6  # share of the arm's length
 def without_round_off(
     values: Float[np.ndarray, "*shape"], size: float
 ) -> Float[np.ndarray, "*shape"]:
-    """Return values with zeros in place of those that are round-off beside a size."""
+    """Return values with zeros in place of those below a millionth of a size."""
     return np.where(np.abs(values) < _ROUND_OFF * size, 0.0, values)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import tomli_w
 
-from crinoid.foundation.face import Faced
+from crinoid.foundation.representation import Represented
 from crinoid.scenario.actuator import Actuator, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
@@ -20,13 +20,13 @@ from crinoid.scenario.contact import SelfContact
 from crinoid.scenario.control import Control
 from crinoid.scenario.document import assign, parse, without_empty
 from crinoid.scenario.errors import Mistake, ScenarioError, refusal
-from crinoid.scenario.face import face_of
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.kinds import with_places
 from crinoid.scenario.load import Load
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import ListOf, dimension_conflicts, dimension_defaults, unwritten
+from crinoid.scenario.representation import represent
 from crinoid.scenario.sensor import Sensor, Sensors
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
@@ -47,7 +47,7 @@ _DIMENSION = {"arm", "arm.dimension"}
 """Keys that set the dimension."""
 
 
-class Scenario(Faced, Model):
+class Scenario(Represented, Model):
     """Description of an arm, the water around it, the loads on it and its target.
 
     Parameters
@@ -119,8 +119,8 @@ class Scenario(Faced, Model):
         self.__dict__.update(dimension_defaults(self, self.arm.dimension))
         super().model_post_init(context)
 
-    def _face(self) -> tuple[str, dict[str, str]]:
-        return face_of(self)
+    def _representation(self) -> tuple[str, dict[str, str]]:
+        return represent(self)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scenario:

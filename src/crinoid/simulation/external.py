@@ -20,7 +20,7 @@ from crinoid.control import Controller, ControllerInput
 from crinoid.control.controller import Command
 from crinoid.flow.flow import Everywhere
 from crinoid.foundation.axes import CHANNELS
-from crinoid.foundation.face import with_units
+from crinoid.foundation.representation import with_units
 from crinoid.numerics.ramp import Onset
 from crinoid.scenario import Scenario, counted, got, one_of, refusal
 from crinoid.simulation.loop import Loop

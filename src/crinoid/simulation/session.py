@@ -6,24 +6,23 @@ import gc
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import jax
 import numpy as np
-from jaxtyping import Array, Int
 
 from crinoid.actuation import Input
 from crinoid.assembly.actuators import ActuatorParameters
 from crinoid.assembly.arrays import array
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
-from crinoid.compilation import OFTEN, compiled
 from crinoid.control import ControllerInput, Sensor
 from crinoid.diagnostics.control_loop import loop_notes
 from crinoid.elements import Element
 from crinoid.flow import Flow
 from crinoid.foundation.atomic_file import FilePath
-from crinoid.foundation.face import Faced, cut_list, titled, with_units
+from crinoid.foundation.representation import Represented, cut_list, titled, with_units
 from crinoid.results.chunks import join
 from crinoid.results.dataset import chosen
 from crinoid.results.result import Result
@@ -31,6 +30,7 @@ from crinoid.scenario import Scenario, ScenarioError, counted, refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
+from crinoid.simulation.controller_view import see
 from crinoid.simulation.external import (
     CommandLike,
     ExternalCommand,
@@ -39,19 +39,15 @@ from crinoid.simulation.external import (
     inputs_in_words,
 )
 from crinoid.simulation.lateness import Lateness
-from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import Sink, require_space, resume_state
 from crinoid.simulation.stepped_run import SteppedRun, alone
 
-_OF_INPUTS = ("feedforward", "command", "lower", "upper")
-"""Fields of what a controller sees that have a number for each input."""
-_ATTRIBUTE = "external"
-"""Attribute of a result with the last values from outside, to continue from."""
+_ATTRIBUTE = "external"  # of a result: the last values from outside, to continue from
 
 
-class Session(Faced, SteppedRun):
+class Session(Represented, SteppedRun):
     """A closed loop whose controller is your program: it steps from one command to the next.
 
     Sensors, noise, delay, servos, limits and target are those of a run of the scenario;
@@ -115,8 +111,7 @@ class Session(Faced, SteppedRun):
             given = given.with_values({"seed": seed})
         require_space(given, None)
         self.paced = paced
-        self._origin: float | None = None
-        """Wall-clock time of the start of the simulation (s); None while it pauses."""
+        self._origin: float | None = None  # wall clock at the start (s); None while it pauses
         self._spent = 0.0
         self.late: Lateness
         """Delay behind the wall clock since the start or the last reset, of a paced session."""
@@ -170,15 +165,14 @@ class Session(Faced, SteppedRun):
             return ""
         return f"simulation.duration = {self.scenario.simulation.duration:g} s is over"
 
-    def _face(self) -> tuple[str, dict[str, str]]:
-        duration = self.scenario.simulation.duration
-        now = f"at {self.time:g} of {duration:g} s{f', {self.ended}' if self.ended else ''}"
-        each = f"every {self.period:g} s{', paced' if self.paced else ''}"
+    def _representation(self) -> tuple[str, dict[str, str]]:
+        now = f"at {self.time:g} of {self.scenario.simulation.duration:g} s"
         names, units = ([row[at] for row in self.loop.readings] for at in (0, 1))
         return titled("Session", self.scenario.title, now), {
+            "ended": self.ended,
             "inputs": cut_list(inputs_in_words(self.inputs)) or "none",
             "readings": cut_list(with_units(names, units)),
-            "command": each,
+            "command": f"every {self.period:g} s{', paced' if self.paced else ''}",
             "external": ", ".join(self._signals.kinds),
         }
 
@@ -307,7 +301,7 @@ class Session(Faced, SteppedRun):
 
     def _go_to_command(self) -> ControllerInput:
         """Advance to the present or the first command."""
-        _, due, _ = _see(self.loop, self.state, self._rows)
+        _, due, _ = see(self.loop, self.state, self._rows)
         return self._go_to(min(int(due), self.scenario.simulation.steps))
 
     def _go_to(self, end: int) -> ControllerInput:
@@ -316,7 +310,7 @@ class Session(Faced, SteppedRun):
         while self.steps < end and self.failed is None:
             if (some := self.advance_to(end)) is not None:
                 self._sink.append(some)
-        found, _, following = _see(self.loop, self.state, self._rows)
+        found, _, following = see(self.loop, self.state, self._rows)
         self._next = int(following)
         self.seen = jax.tree.map(np.asarray, found)
         self._spent += time.perf_counter() - started
@@ -329,10 +323,9 @@ class Session(Faced, SteppedRun):
         values: dict[str, float] = {"control.compare": False}
         if not self.ended:
             values["simulation.duration"] = float(f"{self.time:.10g}")
-        try:
+        with suppress(ScenarioError):  # such as no time at all
             return self.scenario.with_values(values)
-        except ScenarioError:  # such as no time at all
-            return None
+        return None
 
     def _resume(self, given: Result | FilePath) -> None:
         """Continue from a result of an earlier session."""
@@ -355,16 +348,3 @@ class Session(Faced, SteppedRun):
             text = f"got a result with {error}"
             raise refusal("resume", text, "be of a session with the same external") from None
         self.loop = self._signals.fed(self.loop)
-
-
-@compiled(**OFTEN)
-def _see(
-    loop: Loop, state: LoopState, rows: Int[Array | np.ndarray, " input"]
-) -> tuple[ControllerInput, Int[Array, ""], Int[Array, ""]]:
-    """Return what a controller of some inputs sees, and the time steps of two commands.
-
-    These are the present one and the next.
-    """
-    seen = loop.seen(state.state, loop.sensed(state), state.command)
-    seen = replace(seen, **{name: getattr(seen, name)[rows] for name in _OF_INPUTS})
-    return seen, loop.command_step(state.ticks), loop.command_step(state.ticks + 1)

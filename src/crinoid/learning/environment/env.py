@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from crinoid.assembly.neural import Entry
 from crinoid.compilation import OFTEN, require_own_process
 from crinoid.dynamics import Outcome
-from crinoid.foundation.face import with_units
+from crinoid.foundation.representation import with_units
 from crinoid.foundation.status import Status
 from crinoid.learning.environment import TASKS
 from crinoid.learning.environment.draws import (

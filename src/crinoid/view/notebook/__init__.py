@@ -19,7 +19,6 @@ from crinoid.results.reading import with_shapes
 from crinoid.results.result import Result
 from crinoid.results.scene.data import is_spatial
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE
-from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures import style
 from crinoid.view.figures.charts.chart import Chart
@@ -32,7 +31,7 @@ from crinoid.view.figures.charts.vortices import vortex_chart
 from crinoid.view.figures.paper import draw_panel
 from crinoid.view.figures.shape import ROWS, draw_lines
 from crinoid.view.figures.sheet import draw_in
-from crinoid.view.page.parts import list_of, table_of
+from crinoid.view.page.parts import list_of, numbers_of
 from crinoid.view.page.write import small_page_of
 from crinoid.view.refusals import width_of
 
@@ -323,10 +322,7 @@ def html_of(result: Result) -> str:
 
 def _numbers(result: Result) -> str:
     try:
-        if result.dataset.sizes["time"] == 1:
-            return table_of(equilibrium_summary(result))
-        short, whole = (table_of(summary(result, full=full)) for full in (False, True))
-        return f"{short}<details><summary>All numbers</summary>{whole}</details>"
+        return numbers_of(result)
     except Exception as error:  # a notebook would show a traceback and nothing else
         return _reason("no numbers", error)
 

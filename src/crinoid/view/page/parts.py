@@ -17,8 +17,9 @@ from jaxtyping import Float
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.results.own_files import is_own
 from crinoid.results.report_error import ReportError
+from crinoid.results.result import Result
 from crinoid.results.scene.scene import NEAR, TRAVELS
-from crinoid.results.table import RunSummary
+from crinoid.results.table import RunSummary, equilibrium_summary, summary
 from crinoid.view.film.settings import PRESETS, RAMPS, SPEEDS
 
 PAGE = "report.html"
@@ -115,6 +116,14 @@ def table_of(found: RunSummary) -> str:
         cells = [*row, *[""] * (len(found.heads) - len(row))]
         rows += f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def numbers_of(run: Result) -> str:
+    """Return the main numbers of a run in HTML, and all of them folded away."""
+    if run.dataset.sizes["time"] == 1:
+        return table_of(equilibrium_summary(run))
+    short, whole = (table_of(summary(run, full=full)) for full in (False, True))
+    return f"{short}<details><summary>All numbers</summary>{whole}</details>"
 
 
 def list_of(title: str, lines: list[str]) -> str:

@@ -9,7 +9,6 @@ from crinoid.foundation.status import Status
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.scene.scene import Scene, build_scene
-from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario import ScenarioError
 from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.page import parts
@@ -96,18 +95,10 @@ def page_of(run: Result) -> str:
 
 
 def _numbers(run: Result) -> str:
-    """Return the main numbers of a run in HTML, and all of them folded away."""
-    still = run.dataset.sizes["time"] == 1
     try:
-        found = equilibrium_summary(run) if still else summary(run)
-        whole = found if still else summary(run, full=True)
+        return f'<h2>Numbers</h2><div class="scroll numbers">{parts.numbers_of(run)}</div>'
     except (LookupError, ValueError, ScenarioError):
         return "<h2>Numbers</h2><p>The result lacks variables of the summary.</p>"
-    short, full = (
-        f'<div class="scroll numbers">{parts.table_of(each)}</div>' for each in (found, whole)
-    )
-    more = "" if still else f"<details><summary>All numbers</summary>{full}</details>"
-    return f"<h2>Numbers</h2>{short}{more}"
 
 
 def _facts(run: Result) -> str:

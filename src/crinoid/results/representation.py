@@ -1,8 +1,8 @@
-"""Face of a result: how it ended, and its main numbers, in a few lines."""
+"""Text representation of a result: its status and the first rows of its closing table."""
 
 from contextlib import suppress
 
-from crinoid.foundation.face import titled
+from crinoid.foundation.representation import titled
 from crinoid.foundation.status import Status
 from crinoid.results.result import Result
 from crinoid.results.table import equilibrium_summary, summary
@@ -12,7 +12,7 @@ _ROWS = 6
 """Most rows of the closing table."""
 
 
-def face_of(result: Result) -> tuple[str, dict[str, str]]:
+def represent(result: Result) -> tuple[str, dict[str, str]]:
     """Return title and status of a result, and the first rows of its closing table."""
     sizes = result.dataset.sizes
     many, nodes = sizes.get("time", 0), counted(sizes.get("node", 0), "node")
@@ -21,7 +21,7 @@ def face_of(result: Result) -> tuple[str, dict[str, str]]:
     rows = {
         "run": f"equilibrium of an {arm}" if rests else f"{counted(many, 'saved instant')}, {arm}"
     }
-    with suppress(Exception):  # a notebook or a debugger shows it, whatever it holds
+    with suppress(Exception):  # a broken result needs a representation too
         found = equilibrium_summary(result) if rests else summary(result)
         for name, value, *other in found.rows[:_ROWS]:
             rows[name] = f"{value}, {other[0]} without control" if other else value

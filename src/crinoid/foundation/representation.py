@@ -1,4 +1,4 @@
-"""Face: an object as a few lines of text, or a small table, with numbers and units."""
+"""Representation of an object: a few lines of text, or a small table, with numbers and units."""
 
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -8,24 +8,24 @@ _WIDTH = 100
 """Characters of a line of text."""
 
 
-class Faced:
+class Represented:
     """An object that shows itself by a title and rows, as text and in notebooks."""
 
     @abstractmethod
-    def _face(self) -> tuple[str, dict[str, str]]:
+    def _representation(self) -> tuple[str, dict[str, str]]:
         """Return a title, and rows by their names; one without a text is left out."""
 
     def __repr__(self) -> str:
-        title, rows = self._face()
-        told = {name: text for name, text in rows.items() if text}
-        wide = max(map(len, told), default=0)
-        return "\n".join([title, *(f"  {name:{wide}}  {text}" for name, text in told.items())])
+        title, rows = self._representation()
+        kept = {name: text for name, text in rows.items() if text}
+        wide = max(map(len, kept), default=0)
+        return "\n".join([title, *(f"  {name:{wide}}  {text}" for name, text in kept.items())])
 
     def __str__(self) -> str:
         return repr(self)
 
     def _repr_html_(self) -> str:
-        title, rows = self._face()
+        title, rows = self._representation()
         lines = (
             f'<tr><th scope="row">{escape(name)}</th><td>{escape(text)}</td></tr>'
             for name, text in rows.items()
@@ -35,7 +35,7 @@ class Faced:
 
 
 def titled(kind: str, title: str, *more: str) -> str:
-    """Return the first line of a face, with the title of its scenario where it has one."""
+    """Return the first line of a representation, with the title of a scenario if it has one."""
     named = f'{kind} of "{title}"' if title else kind
     return f"{named}: {', '.join(more)}" if more else named
 

@@ -1,4 +1,4 @@
-"""Face of a scenario: what it describes, in a few lines."""
+"""Text representation of a scenario: its main tables in a few lines."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from math import prod
 from typing import TYPE_CHECKING, Any
 
 from crinoid.foundation.axes import ANGLES
-from crinoid.foundation.face import cut_list, titled
+from crinoid.foundation.representation import cut_list, titled
 from crinoid.scenario.errors import counted, shown
 
 if TYPE_CHECKING:
     from crinoid.scenario.scenario import Scenario
 
 
-def face_of(scenario: Scenario) -> tuple[str, dict[str, str]]:
+def represent(scenario: Scenario) -> tuple[str, dict[str, str]]:
     """Return the title of a scenario and its main tables in words, without empty ones."""
     arm, base, control, time = scenario.arm, scenario.base, scenario.control, scenario.simulation
     place = "in space" if arm.dimension == 3 else "in the plane"
