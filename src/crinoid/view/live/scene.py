@@ -54,7 +54,7 @@ class LiveScene:
         self._starts = arrow_starts(first.nodes, self._arrows, swept, mean, length)
 
     def scene(self, now: Snapshot, start: Snapshot) -> Scene:
-        """Return an instant and the start as a scene, from which the page takes what is fixed.
+        """Return an instant and the start as a scene, with all that stays fixed on the page.
 
         The page has numbers of later frames, so the debris is at the arm and any boom has a
         length: the view is fitted to the one and the size of the other is known.

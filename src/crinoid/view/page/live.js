@@ -90,7 +90,7 @@ class Live extends Page {
     });
   }
 
-  // An input: its elements, and what takes a value of the server.
+  // An input: its elements, and the function that shows a value of the server.
   input({ name, kind, label, hint, ends: [low, high], options }, parent) {
     const press = (text, value) => {
       const button = make("button", "", parent, text);
