@@ -52,10 +52,12 @@ class Viewer:
     """A page without a browser."""
 
     def __init__(self, page):
-        self.connection = connect(page.url.replace("http", "ws"), origin=page.url, max_size=None)
+        self.url = page.url
         self.frames, self.told = [], []
 
     def __enter__(self):
+        connecting = connect(self.url.replace("http", "ws"), origin=self.url, max_size=None)
+        self.connection = connecting.__enter__()
         return self
 
     def __exit__(self, *_):
