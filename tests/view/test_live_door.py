@@ -4,7 +4,7 @@ import json
 import random
 import socket
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import numpy as np
 import pytest
@@ -52,16 +52,17 @@ class Viewer:
     """A page without a browser."""
 
     def __init__(self, page):
-        self.url = page.url
+        self.url, self.closing = page.url, ExitStack()
         self.frames, self.told = [], []
 
     def __enter__(self):
-        connecting = connect(self.url.replace("http", "ws"), origin=self.url, max_size=None)
-        self.connection = connecting.__enter__()
+        address = self.url.replace("http", "ws")
+        opened = connect(address, origin=self.url, max_size=None)
+        self.connection = self.closing.enter_context(opened)
         return self
 
     def __exit__(self, *_):
-        self.connection.close()
+        self.closing.close()
 
     def say(self, name, value=None):
         self.connection.send(json.dumps({"name": name, "value": value}))
