@@ -184,7 +184,7 @@ LIBRARIES = [
     (
         "export . --to mcap",
         "mcap_ros2.writer",
-        ["ros", "foxglove"],
+        ["ros"],
         'mcap-ros2-support and rosbags: pip install "crinoid[ros]"',
     ),
     ("export still-water --to fmu", "pythonfmu3", [], 'pip install "crinoid[fmu]"'),
