@@ -17,12 +17,9 @@ from itertools import count
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from crinoid.studies.sweep.engine import DIED, BatchFuture, Work, WorkerPoolError, perform
-
-if TYPE_CHECKING:
-    import distributed
 
 _MOST_STILLBORN = 3
 """Workers that may die before they are ready."""
@@ -173,29 +170,19 @@ def _leave_with_parent() -> None:
 
 
 class Cluster:
-    """Workers of dask.distributed, on this machine or those of the scheduler at an address."""
+    """Workers of the scheduler of dask.distributed at an address."""
 
-    def __init__(self, number: int = 1, address: str | None = None) -> None:
+    def __init__(self, address: str) -> None:
         import distributed
 
-        self._own: distributed.LocalCluster | None = None
-        self._address = address or "this machine"
+        self._address = address
         self._known: dict[str, int] = {}
         self._looked = 0.0
         self._abandoned: set[str] = set()
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # reported here
         with _signals_blocked():
-            if address is None:
-                self._own = distributed.LocalCluster(
-                    n_workers=number,
-                    threads_per_worker=1,
-                    dashboard_address="127.0.0.1:0",  # any free port: several sweeps may run
-                    silence_logs=logging.CRITICAL,
-                )
             try:
-                self._client = distributed.Client(
-                    self._own or address, timeout=_ANSWER, set_as_default=False
-                )
+                self._client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
             except (OSError, ValueError, TypeError) as error:
                 text = " ".join(str(error).split())
                 raise WorkerPoolError(f"no scheduler answers at {address} ({text})") from error
@@ -233,12 +220,9 @@ class Cluster:
             self._client.restart_workers([worker], timeout=_ANSWER, raise_for_error=False)
 
     def close(self) -> None:
-        """End the workers of this machine, and leave those of a scheduler alone."""
+        """Leave the scheduler, and its workers alone."""
         with suppress(Exception):  # it may be gone already
             self._client.close(timeout=_ANSWER)
-        if self._own is not None:
-            with suppress(Exception):
-                self._own.close(timeout=_ANSWER)
 
     def _require(self) -> None:
         if self._client.status != "running":
