@@ -17,7 +17,6 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
 from crinoid.cli.display import new_table, progress_bar, say_notes
 from crinoid.cli.finding import finding
-from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.diagnostics.plausibility import IN_THE_WATER, plausibility_warnings
 from crinoid.foundation.status import Status
@@ -38,7 +37,7 @@ def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:
         data = sample_current(found.prepared)
         recordings = found.prepared.recordings.items()
         lines = [f"flow.{index}: {_described(recording)}" for index, recording in recordings]
-        found.show(data, _current_table, lines)
+        found.show(data, _current_table(data), lines=lines)
 
 
 def _current_table(data: xr.Dataset) -> Table:
@@ -102,7 +101,7 @@ def show_modes(scenario: Scenario, folder: Path, *, count: int, in_air: bool, fo
         lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
         if "lock_in_speed" in data:
             lines += [f"vortices lock in {_lock_in(data)}"]
-        return found.show(data, _modes_table, lines)
+        return found.show(data, _modes_table(data), lines=lines)
 
 
 def _modes_table(data: xr.Dataset) -> Table:
@@ -156,13 +155,13 @@ def _rest(data: xr.Dataset) -> str:
 
 def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bool) -> str:
     """Follow the equilibrium over a number, save, draw and print it; return what went wrong."""
-    of = folder / CURVE
+    of, more = folder / CURVE, [_TABLE]
     with (
-        finding(scenario, of, "a curve", force=force, check=None, doubts=None) as found,
+        finding(
+            scenario, of, "a curve", force=force, others=more, check=None, doubts=None
+        ) as found,
         Interruption() as interruption,
     ):
-        if not force:
-            check_own(folder / _TABLE)
         ends = (plausibility_warnings(curve.cases[end], AT_REST) for end in (0, -1))
         say_notes(dict.fromkeys(chain(*ends)))
         with progress_bar() as bar:
@@ -171,7 +170,7 @@ def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bo
                 bar.update(bar.task_ids[0], completed=done, total=total, description="equilibria")
 
             data = find_equilibria(curve, stop=interruption.stop, report=report)
-        return found.show(data, _curve_table, files={_TABLE: curve_table(data)})
+        return found.show(data, _curve_table(data), files={_TABLE: curve_table(data)})
 
 
 _TABLE = "curve.csv"
@@ -208,7 +207,7 @@ def show_margins(scenario: Scenario, folder: Path, *, force: bool) -> None:
     with finding(scenario, folder / MARGINS, "a margin", force=force) as found:
         with console.status("linearising the loop"):
             data = find_margins(found.prepared)
-        found.show(data, _margins_table)
+        found.show(data, _margins_table(data))
 
 
 def _margins_table(data: xr.Dataset) -> Table:

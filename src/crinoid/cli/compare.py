@@ -20,7 +20,6 @@ from crinoid.cli.display import (
     seed_notes,
 )
 from crinoid.cli.finding import finding
-from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import label_of, main_measures, unit_for
@@ -43,10 +42,9 @@ def compare_controllers(
     scenario: Scenario, kinds: list[str], seeds: range, folder: Path, *, force: bool
 ) -> str:
     """Run a scenario under each controller, save, draw and sum up; return what went wrong."""
-    if not force:
-        check_own(folder / COMPARISON_TABLE)
+    path, others = folder / COMPARISON, [COMPARISON_TABLE]
     with (
-        finding(scenario, folder / COMPARISON, "a comparison", force=force) as found,
+        finding(scenario, path, "a comparison", force=force, others=others) as found,
         Interruption() as interruption,
     ):
         with progress_bar() as bar:

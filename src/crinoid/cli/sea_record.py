@@ -95,7 +95,7 @@ def _show(
         lines = _extent(record, start, middle)
         lines += _tide(record, middle, start, _latitude(dataset, flow))
         numbers = _numbers(record, places, axes)
-        found.show(data, lambda _: numbers, lines, {HISTOGRAM: _HEAD + text})
+        found.show(data, numbers, lines=lines, files={HISTOGRAM: _HEAD + text})
 
 
 def _toml(value: Any) -> str:
