@@ -155,10 +155,10 @@ def _rest(data: xr.Dataset) -> str:
 
 def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bool) -> str:
     """Follow the equilibrium over a number, save, draw and print it; return what went wrong."""
-    of, more = folder / CURVE, [_TABLE]
+    path, others = folder / CURVE, [_TABLE]
     with (
         finding(
-            scenario, of, "a curve", force=force, others=more, check=None, doubts=None
+            scenario, path, "a curve", force=force, others=others, check=None, doubts=None
         ) as found,
         Interruption() as interruption,
     ):
