@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,21 @@ Velocity = Float[np.ndarray, "time component"]
 Filled = Bool[np.ndarray, " time"]
 
 
+def velocity_statistics(velocity: Velocity, axes: Sequence[str]) -> dict[str, float]:
+    """Sum up a velocity (m/s) by names with units, whenever it was measured."""
+    speed = np.linalg.norm(velocity, axis=1)
+    means, deviations = velocity.mean(axis=0), velocity.std(axis=0)
+    found = {f"mean {axis} (m/s)": means[at] for at, axis in enumerate(axes)}
+    found |= {f"deviation {axis} (m/s)": deviations[at] for at, axis in enumerate(axes)}
+    found |= {
+        "mean speed (m/s)": speed.mean(),
+        "median speed (m/s)": np.median(speed),
+        "speed, 95 % (m/s)": np.quantile(speed, 0.95),
+        "largest speed (m/s)": speed.max(),
+    }
+    return {name: float(value) for name, value in found.items()}
+
+
 def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -> dict[str, float]:
     """Sum up a record at one of its levels, by index, from its measured values only.
 
@@ -53,13 +69,7 @@ def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -
     """
     filled = record.filled[:, level]
     velocity = record.velocity[~filled, level]
-    speed = np.linalg.norm(velocity, axis=1)
-    found = {f"mean {axis} (m/s)": velocity[:, at].mean() for at, axis in enumerate(axes)}
-    found |= {f"deviation {axis} (m/s)": velocity[:, at].std() for at, axis in enumerate(axes)}
-    found["mean speed (m/s)"] = speed.mean()
-    found["median speed (m/s)"] = np.median(speed)
-    found["speed, 95 % (m/s)"] = np.quantile(speed, 0.95)
-    found["largest speed (m/s)"] = speed.max()
+    found = velocity_statistics(velocity, axes)
     if len(axes) == 3:
         direction, along = principal(velocity)
         degrees = np.rad2deg(direction)

@@ -23,7 +23,7 @@ from crinoid.results.measure_labels import unit_of
 from crinoid.results.metrics import MEASURES, Measure
 from crinoid.results.result import Result
 from crinoid.results.table import equilibrium_summary, summary
-from crinoid.results.units import largest
+from crinoid.results.units import Unit, largest
 from crinoid.scenario import Scenario
 from crinoid.view.figures.study import short_keys
 
@@ -169,6 +169,20 @@ def new_table(
     return table
 
 
+def statistics_table(
+    title: str | None, heads: Sequence[str], columns: Sequence[Mapping[str, float]]
+) -> Table:
+    """Return a table of statistics by name, a column for each place; ``heads`` may be none."""
+
+    def text(value: float) -> str:
+        return "not defined" if np.isnan(value) else _PLAIN.number(round(value, _DECIMALS) + 0.0)
+
+    rows = [(name, *(text(column[name]) for column in columns)) for name in columns[0]]
+    return new_table(title, heads, rows, show_header=bool(heads))
+
+
+_PLAIN = Unit(1.0, "")
+_DECIMALS = 9  # of a statistic: less is round-off
 _MOST_NOTES, _MOST_FAILURES = 6, 4
 _NUMBER = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
 
