@@ -23,8 +23,8 @@ _GROUPS = {
     ("vehicle", "vehicle plane", "vehicle space"): "With `vehicle.mass` there are also",
     ("estimate", "estimate plane", "estimate space", "estimate shape", "estimate current"): "With "
     '`control.kind = "lqg"` or `"mpc"` there are also the estimates of the observer '
-    "([Estimate the state from a log](../how-to/estimate.md)), and `NAME_std`, the standard deviation "
-    "of each but of `estimate_time`.",
+    "([Estimate the state from a log](../how-to/estimate.md)), and of each but `estimate_time` its "
+    "standard deviation, `NAME_std`.",
     ("obstacles",): "With `[[obstacle]]` there are also",
     ("bodies", "bodies plane", "bodies space"): "With a free obstacle, one with a `mass`, there "
     "are also, of all obstacles,",

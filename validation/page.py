@@ -48,7 +48,7 @@ def page(record: dict[str, Any]) -> str:
         HEAD,
         f"Run on {record['date'][:10]} with crinoid {record['crinoid']}, JAX {record['jax']} and "
         f"Python {record['python']} ({record['machine']}): {held} of {len(checks)} checks hold.\n",
-        "| Case | Reference | Checks that hold | Order | Time (s) |\n|---|---|---|---|---|",
+        "| Case | Reference | Checks | Order | Time (s) |\n|---|---|---|---|---|",
     ]
     for case in cases:
         own = [check for check in checks if check["name"] == case["name"]]
@@ -56,13 +56,19 @@ def page(record: dict[str, Any]) -> str:
         cells = (
             f"[{case['name']}](#{case['name']})",
             case["kind"],
-            f"{sum(check['holds'] for check in own)} of {len(own)}" if own else case["trouble"],
+            _held(own) if own else case["trouble"],
             "" if order is None else f"{order:.2f}",
             f"{case['seconds']:.0f}",
         )
         parts.append(f"| {' | '.join(cells)} |")
     parts += [section(case, checks) for case in cases]
     return "\n".join(parts) + "\n"
+
+
+def _held(checks: list[dict[str, Any]]) -> str:
+    """Return the number of checks, and in bold that of those that hold where not all do."""
+    held = sum(check["holds"] for check in checks)
+    return str(held) if held == len(checks) else f"**{held} of {len(checks)}**"
 
 
 def section(case: dict[str, Any], checks: Iterable[dict[str, Any]]) -> str:
