@@ -46,7 +46,7 @@ def updated(text: str) -> str:
 
 
 def shown(command: Any) -> list[Any]:
-    """Return the parameters of a command but for `--help`."""
+    """Return the parameters of a command except `--help`."""
     return [each for each in command.params if each.name != "help"]
 
 

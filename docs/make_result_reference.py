@@ -54,7 +54,7 @@ def updated(text: str) -> str:
 
 
 def _listed(where: Iterable[str]) -> Iterator[Variable]:
-    """Yield the variables of a group but for the standard deviations of others."""
+    """Yield the variables of a group except the standard deviations of others."""
     for each in VARIABLES:
         if each.where in where and not each.name.endswith("_std"):
             yield each

@@ -111,7 +111,7 @@ def _table(rows: Iterable[str]) -> str:
 
 
 def _rows(properties: Schema) -> list[str]:
-    """Return the rows of the keys of a table, but for its kind and the tables in it."""
+    """Return the rows of the keys of a table, except its kind and the tables in it."""
     rows = []
     for name, entry in properties.items():
         if _is_table(entry) or name == "vary" or "const" in entry:

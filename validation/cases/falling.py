@@ -135,11 +135,11 @@ def falling_arm() -> Evidence:
         axes.legend(ncols=2, fontsize=8, frameon=False, loc="upper center")
 
     remarks = (
-        f"Shear and rotary inertia, which crinoid leaves out, lower the first frequency by "
-        f"{100 * (1 - share):.2f} %: PyElastica's arm is late by that share.",
+        "Shear and rotary inertia, which crinoid leaves out, lower the first frequency, and delay "
+        f"PyElastica's arm, by {100 * (1 - share):.2f} %.",
         f"With damping_time = {_DAMPING:g} s the tip is off those in print at 0.5, 1 and 2 s by "
-        f"(mm): {'; '.join(damped)}. SoRoMoX and SoRoSim have two segments there, which explains "
-        "their distance (see soromox-fall); PyElastica has another law of damping.",
+        f"(mm): {'; '.join(damped)}. SoRoMoX and SoRoSim have only two segments there (see "
+        "soromox-fall), PyElastica another law of damping.",
     )
     return Evidence(checks, None, scenarios, draw, remarks)
 

@@ -130,8 +130,8 @@ def tentacle() -> Evidence:
     remarks = (
         f"Found: {_words(data)}.",
         f"Tip in the hold left out: {apart} mm.",
-        "Offsets of both tendons, density and modulus together have correlations of 1.00: bending "
-        "depends on their ratios alone. So the offset of tendon 0 is taken as drawn.",
+        "Bending depends on the ratios of offsets, density and modulus alone (correlations of "
+        "1.00), so the offset of tendon 0 is that of the drawing.",
     )
 
     def draw(axes: Axes) -> None:
