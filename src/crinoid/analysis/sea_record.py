@@ -80,7 +80,7 @@ def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -
         known = intensity[np.isfinite(intensity)]
         found["turbulence intensity (%)"] = 100 * np.median(known) if known.size else np.nan
     there = np.concatenate([record.time[:1], record.time[~filled], record.time[-1:]])
-    found["gaps"] = np.count_nonzero(np.diff(filled.astype(int), prepend=0) > 0)
+    found["gaps"] = float(np.sum(np.diff(filled.astype(int), prepend=0) > 0))
     found["longest gap (s)"] = np.diff(there).max() if filled.any() else 0
     found["missing (%)"] = 100 * filled.mean()
     return {name: float(value) for name, value in found.items()}
