@@ -24,11 +24,15 @@ from crinoid.results.metrics import MEASURES, Measure
 from crinoid.results.result import Result
 from crinoid.results.table import equilibrium_summary, summary
 from crinoid.results.units import largest
-from crinoid.scenario import Scenario
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario.document import flat
 from crinoid.view.figures.study import short_keys
 
 if TYPE_CHECKING:
     from crinoid.simulation import Progress as Reached
+
+_FEW = 3
+"""Number of keys that a line names."""
 
 
 class _TimeColumn(TimeRemainingColumn):
@@ -291,3 +295,15 @@ def _value(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(_value(item) for item in value)}]"
     return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def difference(found: Mapping[str, object], scenario: Scenario) -> str:
+    """Return the first keys that differ from those of a result, in brackets."""
+    try:
+        old = dict(flat(Scenario.from_toml(str(found.get("scenario"))).to_dict()))
+    except ScenarioError:  # of another version
+        return ""
+    new = dict(flat(scenario.to_dict()))
+    keys = [key for key in dict.fromkeys([*new, *old]) if new.get(key) != old.get(key)]
+    more = f" and {len(keys) - _FEW} more" if len(keys) > _FEW else ""
+    return f" ({', '.join(keys[:_FEW])}{more} differ{'s' * (len(keys) == 1)})" if keys else ""
