@@ -500,7 +500,7 @@ BROKEN = {
     "no names of axes": (lambda data: data.drop_vars("axis"), "it has no axis over axis"),
     "no instant": (lambda data: data.isel(time=slice(0)), "it holds no instant"),
     "no TOML": (lambda data: data.assign_attrs(scenario="= ="), "cannot be read: not valid TOML"),
-    "another scenario": (lambda data: data.assign_attrs(scenario="seed = 3"), "title, arm.nodes"),
+    "another scenario": (lambda data: data.assign_attrs(scenario="seed = 3"), "(title, seed, "),
 }
 
 
