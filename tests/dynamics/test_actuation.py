@@ -93,7 +93,7 @@ def test_inputs_name_the_channels_and_then_the_actuators(system):
 def test_a_command_of_another_length_is_refused(system):
     state, more = system.rest(), len(system.inputs) + 1
     with pytest.raises(ValueError, match=rf"^command: got the shape \({more},\); must be "):
-        system.step(state, np.zeros(more))
+        system.step(state, jnp.zeros(more))
 
 
 def test_the_drive_follows_its_command_and_bends_the_arm(system, runs):
