@@ -27,27 +27,22 @@ _STEADY = 1e-9
 
 def current_statistics(
     velocity: Float[np.ndarray, "time axis"], interval: float, axes: Sequence[str]
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Sum up a velocity (m/s) sampled at even intervals (s), by names with units.
 
-    Besides `velocity_statistics`, by component: the standard deviation over the size of the mean
+    Besides `velocity_statistics`, by axis: the standard deviation over the size of the mean
     velocity, the integral time, and how far the mean velocity gets in that (Taylor's frozen
     turbulence). Not a number where there is none.
     """
     carried = float(np.linalg.norm(velocity.mean(axis=0)))
     if carried <= NO_MEAN * np.sqrt(np.mean(np.sum(velocity**2, axis=1))):
         carried = np.nan
-    times = _integral_times(velocity, interval)
-    rows = {
-        "intensity {} (%)": 100 * velocity.std(axis=0) / carried,
-        "integral time {} (s)": times,
-        "integral length {} (m)": carried * times,
+    times, listed = _integral_times(velocity, interval), ", ".join(axes)
+    return velocity_statistics(velocity, axes) | {
+        f"intensity {listed} (%)": 100 * velocity.std(axis=0) / carried,
+        f"integral time {listed} (s)": times,
+        f"integral length {listed} (m)": carried * times,
     }
-    found = velocity_statistics(velocity, axes)
-    for name, values in rows.items():
-        named = zip(axes, values.tolist(), strict=True)
-        found |= {name.format(axis): value for axis, value in named}
-    return found
 
 
 def _integral_times(

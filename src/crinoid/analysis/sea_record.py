@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -45,27 +45,25 @@ Velocity = Float[np.ndarray, "time component"]
 Filled = Bool[np.ndarray, " time"]
 
 
-def velocity_statistics(velocity: Velocity, axes: Sequence[str]) -> dict[str, float]:
-    """Sum up a velocity (m/s) by names with units, whenever it was measured."""
-    speed = np.linalg.norm(velocity, axis=1)
-    means, deviations = velocity.mean(axis=0), velocity.std(axis=0)
-    found = {f"mean {axis} (m/s)": means[at] for at, axis in enumerate(axes)}
-    found |= {f"deviation {axis} (m/s)": deviations[at] for at, axis in enumerate(axes)}
-    found |= {
+def velocity_statistics(velocity: Velocity, axes: Sequence[str]) -> dict[str, Any]:
+    """Sum up a velocity (m/s) by names with units: numbers, or arrays with a number by axis."""
+    speed, listed = np.linalg.norm(velocity, axis=1), ", ".join(axes)
+    return {
+        f"mean {listed} (m/s)": velocity.mean(axis=0),
+        f"deviation {listed} (m/s)": velocity.std(axis=0),
         "mean speed (m/s)": speed.mean(),
         "median speed (m/s)": np.median(speed),
         "speed, 95 % (m/s)": np.quantile(speed, 0.95),
         "largest speed (m/s)": speed.max(),
     }
-    return {name: float(value) for name, value in found.items()}
 
 
-def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -> dict[str, float]:
+def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -> dict[str, Any]:
     """Sum up a record at one of its levels, by index, from its measured values only.
 
-    By names with units. The principal direction of a record in space counts from x towards y; that
-    of one whose axes are east and north clockwise from north. The intensity is the median of
-    `turbulence_intensity`, for a fast record only.
+    By names as in `velocity_statistics`. The principal direction of a record in space counts from x
+    towards y; that of one whose axes are east and north clockwise from north. The intensity is the
+    median of `turbulence_intensity`, for a fast record only.
     """
     filled = record.filled[:, level]
     velocity = record.velocity[~filled, level]
@@ -83,7 +81,7 @@ def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -
     found["gaps"] = float(np.sum(np.diff(filled.astype(int), prepend=0) > 0))
     found["longest gap (s)"] = np.diff(there).max() if filled.any() else 0
     found["missing (%)"] = 100 * filled.mean()
-    return {name: float(value) for name, value in found.items()}
+    return found
 
 
 def interval_of(record: FilledRecord) -> float:

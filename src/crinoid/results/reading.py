@@ -43,7 +43,7 @@ def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             return stored.load()
     except (OSError, RuntimeError, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = next((each for each in error.args if isinstance(each, str)), repr(error))
         raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
 
 

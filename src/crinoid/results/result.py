@@ -312,7 +312,8 @@ def _read(path: Path, lazily: bool) -> Result:
     except FileNotFoundError:
         raise ResultError(f"{path}: no such result") from None
     except Exception as error:  # a file that is broken makes its readers raise anything
-        reason = " ".join(str(error).split()) or type(error).__name__
+        # of an OSError without its number and the name
+        reason = next((each for each in error.args if isinstance(each, str)), repr(error))
         raise ResultError(f"{path}: not a result of crinoid ({reason})") from error
     result = Result(dataset, checkpoint)
     scenario, _ = result.readable
