@@ -1,4 +1,4 @@
-"""Plausibility rules on the task of an arm: target, obstacles, actuators and policy."""
+"""Plausibility rules on the task of an arm: target, actuators and policy."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from jaxtyping import Float
 from crinoid.assembly.description import KEY, PHYSICAL, Description
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.rule import rule
-from crinoid.diagnostics.plausibility.table import FAST
 from crinoid.scenario import Chamber, ScenarioError, shown
 from crinoid.scenario.actuator import keyed_threads
 from crinoid.scenario.document import flat
-from crinoid.scenario.obstacle import Mesh, Plane, Seabed
 from crinoid.scenario.quantity import unit_vector
 
 Vector = Float[np.ndarray, " axis"]
@@ -147,50 +145,6 @@ def _mean(values: Float[np.ndarray, " at"]) -> float:
     return float(np.mean(values[1:] + values[:-1]) / 2)
 
 
-@rule("obstacle.*.position", limit="within reach of the arm at some time")
-def _meeting(facts: Facts) -> Iterator[str]:
-    scenario, base = facts.scenario, np.array(facts.scenario.base.position)
-    duration = scenario.simulation.duration
-    reach = facts.length + facts.travel + facts.diameter / 2
-    bodies = any(obstacle.free for obstacle in scenario.obstacle)
-    for index, obstacle in enumerate(scenario.obstacle):
-        if isinstance(obstacle, Mesh | Seabed):
-            continue  # their files know where they are
-        drifts = obstacle.free or obstacle.velocity == "flow"  # water and weight move it
-        if bodies and not drifts:
-            continue  # it is for bodies to lie on
-        far, path = np.array(obstacle.position) - base, np.zeros(base.size)
-        if obstacle.velocity != "flow":
-            path = np.array(obstacle.velocity) * duration
-        if isinstance(obstacle, Plane):
-            out = np.array(obstacle.out)
-            gap = min(-float(far @ out), -float((far + path) @ out))
-        else:
-            half = np.array(obstacle.half_axis)
-            corners = [far - half, far + half, far + path + half, far + path - half]
-            gap = _distance(corners) - obstacle.radius
-        if gap > reach + (FAST * duration if drifts else 0.0):
-            yield (
-                f"obstacle.{index}.position: got {shown(obstacle.position)}, at least {gap:.3g} m "
-                f"from the base; length and travel reach {reach:.3g} m. The arm never touches it."
-            )
-
-
-def _distance(corners: list[Vector]) -> float:
-    """Return the distance of the origin from a parallelogram."""
-    first, second = corners[1] - corners[0], corners[3] - corners[0]
-    sides = np.stack([first, second], axis=1)
-    share = np.linalg.lstsq(sides, -corners[0], rcond=None)[0]
-    if np.all((share >= 0) & (share <= 1)):
-        return float(np.linalg.norm(corners[0] + sides @ share))
-    distances = []
-    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        way = end - start
-        part = np.clip(-(start @ way) / max(float(way @ way), np.finfo(float).tiny), 0.0, 1.0)
-        distances.append(float(np.linalg.norm(start + part * way)))
-    return min(distances)
-
-
 @rule(KEY, limit="the arm, the water and the sensors on which its policy was trained")
 def _training(facts: Facts) -> Iterator[str]:
     if (policy := facts.scenario.control.policy) is None:
@@ -226,4 +180,4 @@ def _within(got: Any, low: Any, high: Any) -> bool:
     return bool(low - room <= got <= high + room)
 
 
-TASK_CHECKS = (_reach, _random_start, _curling, _meeting, _training)
+TASK_CHECKS = (_reach, _random_start, _curling, _training)
