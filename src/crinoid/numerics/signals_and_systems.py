@@ -64,7 +64,7 @@ def spectrum(
     """
     length = min(len(velocity), max(_SHORTEST, 2 * len(velocity) // (_SEGMENTS + 1)))
     while True:
-        windows = _periodograms(velocity, interval, length)
+        windows = periodograms(velocity, interval, length)
         starts = (length - length // 2) * np.arange(len(windows))
         sound = np.ones(starts.size, bool)
         if holes is not None:
@@ -79,7 +79,7 @@ def spectrum(
     return Spectrum(frequency, density, int(sound.sum()), sound.size)
 
 
-def _periodograms(
+def periodograms(
     velocity: Float[np.ndarray, "time place axis"], interval: float, length: int
 ) -> Float[np.ndarray, "window frequency place axis"]:
     """Return the one-sided spectral density of each window, without its mean, under a Hann taper.
