@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from operator import attrgetter
 
 import numpy as np
 
@@ -193,27 +192,17 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
             case TurbulenceFlow():
                 yield f"the passing of an eddy of {name}", flow.length_scale / facts.current, 8
     for table in ("flow", "load", "base.motion"):
-        for index, each in enumerate(attrgetter(table)(scenario)):
-            if ramp := getattr(each, "ramp_time", 0.0):
-                yield f"the ramp of {table}.{index}", ramp, 4
         for key, unit, power in (("frequency_hz", "Hz", -1), ("period", "s", 1)):
             for found, value, each in numbers(scenario, f"{table}.*.{key}"):
                 if _unit(each, key) == unit and magnitude(value):
                     yield found.removesuffix(f".{key}"), magnitude(value) ** power, 8
-    for index, obstacle in enumerate(scenario.obstacle):
-        if hasattr(obstacle, "radius") and obstacle.velocity != "flow":
-            speed = math.hypot(*obstacle.velocity)
-            size = 2 * obstacle.radius + facts.diameter
-            if speed:
-                yield f"the passing of obstacle.{index}", size / speed, 4
 
 
 @rule(
     "simulation.time_step",
     limit="8 time steps to the period of the second bending mode, of the target, of sines, "
     "gusts and loads and to the passing of an eddy, 16 to the peak period of waves, 4 to a period "
-    "at a driven servo's bandwidth, to a ramp and to the passing of an obstacle, 3 to a "
-    "correlation time",
+    "at a driven servo's bandwidth, 3 to a correlation time",
 )
 def _time_step(facts: Facts) -> Iterator[str]:
     step = facts.scenario.simulation.time_step
