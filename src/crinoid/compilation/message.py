@@ -11,7 +11,7 @@ from contextlib import contextmanager
 _LONG = 5.0
 """Compile time in all from which a message is worth its line (s)."""
 _SOON = 1.0
-"""Time of one compilation, after others of the same subject, from which it is (s)."""
+"""Least time of one compilation before it is reported (s)."""
 _LOGGER = logging.getLogger(__name__)
 _subject = "the arm"
 _spent: defaultdict[str, float] = defaultdict(float)
