@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import gc
 import logging
-import multiprocessing
-import os
-import signal
-import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
-from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any
 
+from crinoid.foundation.child_processes import leave_with_parent, signals_blocked
 from crinoid.studies.sweep.engine import DIED, BatchFuture, Work, WorkerPoolError, perform
 
 if TYPE_CHECKING:
@@ -32,23 +27,6 @@ _ANSWER = 15.0
 """Time that a scheduler has to answer (s)."""
 _LOOK = 1.0
 """Time between two looks at the workers of a scheduler (s)."""
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Keep Ctrl-C and the end of the terminal from processes and threads that start meanwhile.
-
-    They reach all programs of a terminal; only the sweep itself is to answer them, afterwards.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    resource_tracker.ensure_running()  # which would end by unblocking the signals
-    earlier = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, earlier)
 
 
 class _Context(SpawnContext):  # a fork of JAX's threads may hang
@@ -136,8 +114,8 @@ class Processes:
 
     def _start(self) -> None:
         context = _Context()
-        executor = ProcessPoolExecutor(1, context, _leave_with_parent)
-        with _signals_blocked():
+        executor = ProcessPoolExecutor(1, context, leave_with_parent)
+        with signals_blocked():
             ready = executor.submit(_get_ready)
         self._all[next(self._names)] = _Worker(executor, context.process, ready, ready)
 
@@ -161,17 +139,6 @@ def _get_ready() -> None:
     """Show that a worker answers: this module, and with it JAX, is loaded."""
 
 
-def _leave_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
 class Cluster:
     """Workers of dask.distributed, on this machine or those of the scheduler at an address."""
 
@@ -184,7 +151,7 @@ class Cluster:
         self._looked = 0.0
         self._abandoned: set[str] = set()
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # reported here
-        with _signals_blocked():
+        with signals_blocked():
             if address is None:
                 self._own = distributed.LocalCluster(
                     n_workers=number,
