@@ -180,23 +180,23 @@ def extreme_instants(trace: Trace, together: tuple[Trace, ...]) -> Int[np.ndarra
 
 
 def _texts(panel: Panel) -> dict[str, Any]:
+    label = panel.label.replace("\n", " ").strip()
+    also = [(words, look) for words, look in panel.also if look != "dashed"]
+    also += [("does not count", "shaded")] if panel.aside is not None else []
     return {
         "name": panel.name,
         "timed": panel.over is None,
-        "label": panel.label.replace("\n", " ").strip(),
+        "label": label,
         "unit": panel.unit.name if panel.unit else "",
         "nothing": panel.nothing,
         "left_out": panel.left_out,
         "also": [
-            f"filled: {words}" if look == "filled" else words
-            for words, look in panel.also
-            if look != "dashed"
-        ]
-        + ["shaded: does not count"] * (panel.aside is not None),
+            f"{look}: {words}" if look in ("filled", "shaded") else words for words, look in also
+        ],
         "traces": [
             {
                 # the legend has an entry for each of several numbered traces
-                "name": trace.name.removeprefix(THROUGH) or panel.label.replace("\n", " ").strip(),
+                "name": trace.name.removeprefix(THROUGH) or label,
                 "told": trace.summary.replace(" (dashed)", ""),
                 "role": trace.role,
                 "line": trace.line,

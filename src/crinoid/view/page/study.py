@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from string import Template
 from typing import Any
 from urllib.parse import quote
 
@@ -135,7 +134,8 @@ def study_page_of(
         left_out.append(f"Charts are over the first {MOST_KEYS} of {len(study.varied)} keys.")
     varied = ", ".join(f"{key.name} ({len(key.levels)} values)" for key in study.varied)
     words = f"study of {counted(len(study.names), 'case')}"
-    body = Template(parts.read_part("study.html")).substitute(
+    body = parts.filled(
+        "study.html",
         title=escape(title),
         subtitle=escape(" · ".join(filter(None, (words, varied)))),
         status=f'<p class="status">{status}</p>' if failed else "",
