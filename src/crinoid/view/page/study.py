@@ -166,20 +166,18 @@ def _indices(
 
 
 def _shares(study: Study, measure: StudyMeasure, indices: Sequence[Index]) -> list[dict[str, Any]]:
-    if not indices:
-        return [
-            {"key": study.keys.index(effect.key)}
-            | {name: round(getattr(effect, name), 4) for name in ("share", "low", "high")}
-            for effect in effects_of(study, measure)
-        ]
-    names, found = [key.name for key in study.keys], []
+    found: dict[str, dict[str, float]] = {}
     for index in sorted(indices, key=lambda index: -index.total):
         low, high = index.first - index.first_within, index.first + index.first_within
-        numbers = {"share": index.first, "low": low, "high": high}
-        numbers |= {"total": index.total, "within": index.total_within}
-        shares = {name: round(number, 4) for name, number in numbers.items()}
-        found.append({"key": names.index(index.key)} | shares)
-    return found
+        found[index.key] = {"share": index.first, "low": low, "high": high}
+        found[index.key] |= {"total": index.total, "within": index.total_within}
+    for effect in [] if indices else effects_of(study, measure):
+        found[effect.key.name] = {"share": effect.share, "low": effect.low, "high": effect.high}
+    names = [key.name for key in study.keys]
+    return [
+        {"key": names.index(key)} | {name: round(number, 4) for name, number in shares.items()}
+        for key, shares in found.items()
+    ]
 
 
 def _table(
