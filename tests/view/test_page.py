@@ -231,8 +231,9 @@ def test_chambers_and_tendons_are_lines_and_their_charts_are_in_physical_units()
     assert units == ["kPa", "N"]
     table, numbers, _ = scene_of(page_scene(run))
     chamber, tendon = table["members"][0]["threads"]
-    assert (chamber["first"], chamber["last"], chamber["largest"]) == (10, 20, "80 kPa")
-    assert chamber["offset"][0] == [0.01, 0.0]
+    first, offset = chamber["first"], chamber["offset"]
+    assert (first, first + len(offset) - 1, chamber["largest"]) == (10, 20, "80 kPa")
+    assert offset[0] == [0.01, 0.0]
     assert tendon["offset"][-1] == [-0.012, 0.0]
     np.testing.assert_allclose(
         unpacked(numbers, chamber["share"])[:, 0], np.linspace(0.0, 1.0, 5), atol=0.01

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import gc
 import logging
+import multiprocessing
+import os
+import threading
 import time
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor
 from contextlib import suppress
@@ -13,7 +16,7 @@ from multiprocessing.context import SpawnContext
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any
 
-from crinoid.foundation.child_processes import leave_with_parent, signals_blocked
+from crinoid.foundation.child_processes import signals_blocked
 from crinoid.studies.sweep.engine import DIED, BatchFuture, Work, WorkerPoolError, perform
 
 if TYPE_CHECKING:
@@ -114,7 +117,7 @@ class Processes:
 
     def _start(self) -> None:
         context = _Context()
-        executor = ProcessPoolExecutor(1, context, leave_with_parent)
+        executor = ProcessPoolExecutor(1, context, _leave_with_parent)
         with signals_blocked():
             ready = executor.submit(_get_ready)
         self._all[next(self._names)] = _Worker(executor, context.process, ready, ready)
@@ -137,6 +140,17 @@ class Processes:
 
 def _get_ready() -> None:
     """Show that a worker answers: this module, and with it JAX, is loaded."""
+
+
+def _leave_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 class Cluster:

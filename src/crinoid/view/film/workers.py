@@ -1,14 +1,11 @@
 """Processes that draw the pictures of a film side by side."""
 
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from itertools import islice
+from contextlib import suppress
 from multiprocessing import get_context
-from typing import Any
+from multiprocessing.connection import Connection
 
-from crinoid.foundation.child_processes import leave_with_parent, signals_blocked
+from crinoid.foundation.child_processes import signals_blocked
 from crinoid.foundation.cores import cores
 from crinoid.results.report_error import ReportError
 from crinoid.results.scene.scene import Scene
@@ -20,39 +17,43 @@ from crinoid.view.film.settings import CameraSettings
 _LEAST = 60  # frames of a process: fewer are drawn by one before another has started
 _MOST = 8  # processes, which keep the encoder busy
 
-_DIED = "a process that draws frames ended. Is there enough memory?"
-
 Order = tuple[Scene, CameraSettings, FilmSettings, str, str]
 """Arguments of `Picture`."""
 
 
 def drawn(picture: Picture, order: Order, frames: FilmSettings) -> Iterator[Image]:
-    """Yield all frames, drawn by some processes where they are many; closing it ends these."""
-    times = iter(frames.times.tolist())
-    number = min(cores(), _MOST, frames.times.size // _LEAST)
+    """Yield all frames, in turn from some processes where they are many; closing kills these."""
+    count = frames.times.size
+    number = min(cores(), _MOST, count // _LEAST)
     if number < 2:
-        yield from map(picture.at, times)
+        yield from map(picture.at, frames.times.tolist())
         return
-    pool = ProcessPoolExecutor(number, get_context("spawn"), _begin, order)
+    context = get_context("spawn")
+    # not a pool: one pipe of all processes stays open, and blocks, where one of them dies
+    pipes = [context.Pipe(duplex=False) for _ in range(number)]
+    workers = [
+        context.Process(target=_work, args=(end, order, slice(first, None, number)), daemon=True)
+        for first, (_, end) in enumerate(pipes)
+    ]
     try:
-        with signals_blocked():  # the first frame starts all processes
-            ahead = deque(pool.submit(_draw, time) for time in islice(times, 2 * number))
-        while ahead:
-            yield ahead.popleft().result()
-            ahead.extend(pool.submit(_draw, time) for time in islice(times, 1))
-    except BrokenProcessPool as error:
-        raise ReportError(_DIED) from error
+        with signals_blocked():
+            for worker, (_, end) in zip(workers, pipes, strict=True):
+                worker.start()
+                end.close()  # that of the worker stays open
+        for index in range(count):
+            yield pipes[index % number][0].recv()
+    except (EOFError, OSError) as error:
+        raise ReportError("a process that draws frames ended. Is there enough memory?") from error
     finally:
-        pool.shutdown(cancel_futures=True)
+        for worker in workers:
+            if worker.pid is not None:
+                worker.kill()
+                worker.join()
 
 
-_pictures: list[Picture] = []  # that of a process
-
-
-def _begin(*order: Any) -> None:
-    leave_with_parent()
-    _pictures.append(Picture(*order))
-
-
-def _draw(time: float) -> Image:
-    return _pictures[0].at(time)
+def _work(pictures: Connection, order: Order, part: slice) -> None:
+    """Draw a part of the frames, and send them."""
+    picture = Picture(*order)
+    with suppress(BrokenPipeError):  # the film has ended
+        for time in order[2].times[part].tolist():
+            pictures.send(picture.at(time))
