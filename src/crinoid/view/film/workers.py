@@ -30,16 +30,15 @@ def drawn(picture: Picture, order: Order, frames: FilmSettings) -> Iterator[Imag
         return
     context = get_context("spawn")
     # not a pool: one pipe of all processes stays open, and blocks, where one of them dies
-    pipes = [context.Pipe(duplex=False) for _ in range(number)]
-    workers = [
-        context.Process(target=_work, args=(end, order, slice(first, None, number)), daemon=True)
-        for first, (_, end) in enumerate(pipes)
-    ]
+    pipes = [context.Pipe() for _ in range(number)]
+    workers = [context.Process(target=_work, args=(end,), daemon=True) for _, end in pipes]
     try:
         with signals_blocked():
             for worker, (_, end) in zip(workers, pipes, strict=True):
                 worker.start()
                 end.close()  # that of the worker stays open
+        for first, (pipe, _) in enumerate(pipes):
+            pipe.send((order, slice(first, None, number)))
         for index in range(count):
             yield pipes[index % number][0].recv()
     except (EOFError, OSError) as error:
@@ -51,9 +50,10 @@ def drawn(picture: Picture, order: Order, frames: FilmSettings) -> Iterator[Imag
                 worker.join()
 
 
-def _work(pictures: Connection, order: Order, part: slice) -> None:
-    """Draw a part of the frames, and send them."""
-    picture = Picture(*order)
-    with suppress(BrokenPipeError):  # the film has ended
+def _work(pipe: Connection) -> None:
+    """Draw the part of the frames that an order names."""
+    with suppress(EOFError, OSError):  # the film has ended
+        order, part = pipe.recv()
+        picture = Picture(*order)
         for time in order[2].times[part].tolist():
-            pictures.send(picture.at(time))
+            pipe.send(picture.at(time))
