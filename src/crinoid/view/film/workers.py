@@ -1,6 +1,6 @@
 """Processes that draw the pictures of a film side by side."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -21,7 +21,7 @@ Order = tuple[Scene, CameraSettings, FilmSettings, str, str]
 """Arguments of `Picture`."""
 
 
-def drawn(picture: Picture, order: Order, frames: FilmSettings) -> Iterator[Image]:
+def drawn(picture: Picture, order: Order, frames: FilmSettings) -> Generator[Image, None, None]:
     """Yield all frames, in turn from some processes where they are many; closing kills these."""
     count = frames.times.size
     number = min(cores(), _MOST, count // _LEAST)

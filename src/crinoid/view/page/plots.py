@@ -177,7 +177,7 @@ def extreme_instants(trace: Trace, together: tuple[Trace, ...]) -> Int[np.ndarra
 
 def _texts(panel: Panel) -> dict[str, Any]:
     label = panel.label.replace("\n", " ").strip()
-    also = [(words, look) for words, look in panel.also if look != "dashed"]
+    also: list[tuple[str, str]] = [each for each in panel.also if each[1] != "dashed"]
     also += [("does not count", "shaded")] if panel.aside is not None else []
     return {
         "name": panel.name,
