@@ -278,7 +278,7 @@ def test_a_spreadsheet_of_speeds_and_directions_is_summed_up(here):
     (here / "buoy.csv").write_text("\n".join(["time;speed (kn);direction (deg)", *rows]))
     written = succeeded("flow", "buoy.csv")
     assert "2400 s from 2024-03-01T06:00:00, 5 samples each 600 s" in written
-    assert re.search(rf"mean east, north \(m/s\) +│ {1.2 * 1852 / 3600:.3f}", written)
+    assert re.search(rf"mean east, north, up \(m/s\) +│ {1.2 * 1852 / 3600:.3f}", written)
     table = written[written.index("[[flow]]") :].partition("\n\n")[0]
     assert 'speed = "speed"' in table
     played = Scenario.from_toml(f"{table}\n[simulation]\nduration = 1.0\n")

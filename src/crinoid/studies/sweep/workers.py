@@ -6,19 +6,17 @@ import gc
 import logging
 import multiprocessing
 import os
-import signal
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
-from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from crinoid.foundation.child_processes import signals_blocked
 from crinoid.studies.sweep.engine import DIED, BatchFuture, Work, WorkerPoolError, perform
 
 _MOST_STILLBORN = 3
@@ -29,23 +27,6 @@ _ANSWER = 15.0
 """Time that a scheduler has to answer (s)."""
 _LOOK = 1.0
 """Time between two looks at the workers of a scheduler (s)."""
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Keep Ctrl-C and the end of the terminal from processes and threads that start meanwhile.
-
-    They reach all programs of a terminal; only the sweep itself is to answer them, afterwards.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    resource_tracker.ensure_running()  # which would end by unblocking the signals
-    earlier = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, earlier)
 
 
 class _Context(SpawnContext):  # a fork of JAX's threads may hang
@@ -134,7 +115,7 @@ class Processes:
     def _start(self) -> None:
         context = _Context()
         executor = ProcessPoolExecutor(1, context, _leave_with_parent)
-        with _signals_blocked():
+        with signals_blocked():
             ready = executor.submit(_get_ready)
         self._all[next(self._names)] = _Worker(executor, context.process, ready, ready)
 
@@ -180,7 +161,7 @@ class Cluster:
         self._looked = 0.0
         self._abandoned: set[str] = set()
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # reported here
-        with _signals_blocked():
+        with signals_blocked():
             try:
                 self._client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
             except (OSError, ValueError, TypeError) as error:
