@@ -4,6 +4,7 @@ They count from the start of a run, as an onset loads a structure too.
 """
 
 from collections.abc import Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -121,6 +122,26 @@ def _base_load(load: Float[np.ndarray, "time ..."]) -> BaseLoad:
     return BaseLoad(float(size.max()), rms(size), p95(size))
 
 
+def base_components(result: Result) -> dict[str, float]:
+    """Return the ends of each component of the load on the base, right-handed about each axis.
+
+    They are ``force_x_min`` and ``force_x_max`` (N) with their times ``force_x_min_time`` and
+    ``force_x_max_time`` (s), and so on; of a planar arm force in x and z and ``moment_y`` (N m),
+    which is positive from z toward x.
+    """
+    data, found = result.dataset, dict[str, float]()
+    for load in ("force", "moment"):
+        values = data[f"base_{load}"].values
+        axes, parts = data["axis"].values, values.T
+        if values.ndim == 1:  # a moment in the plane, which counts from x toward z
+            axes, parts = ["y"], [0.0 - values]
+        for axis, part in zip(axes, parts, strict=True):
+            for end, at in (("min", int(part.argmin())), ("max", int(part.argmax()))):
+                found[f"{load}_{axis}_{end}"] = float(part[at])
+                found[f"{load}_{axis}_{end}_time"] = float(data["time"].values[at])
+    return found
+
+
 def contact(result: Result) -> ContactExtremes | None:
     """Return the contact with obstacles; None without any."""
     data = result.dataset
@@ -156,21 +177,6 @@ def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
     held = (force[1:] > 0.0) & (force[:-1] > 0.0)
     lasted = float(np.diff(data["time"].values)[held].sum())
     return ContactSeries(force, np.concatenate(gaps), held, lasted)
-
-
-def largest_curvature(result: Result) -> Peak | None:
-    """Return the largest curvature (1/m); None where the result lacks it."""
-    return _largest(result, "curvature")
-
-
-def largest_bending_moment(result: Result) -> Peak | None:
-    """Return the largest bending moment (N m); None where the result lacks it."""
-    return _largest(result, "bending_moment")
-
-
-def largest_shear_force(result: Result) -> Peak | None:
-    """Return the largest shear force (N), at the middle of an edge; None if unknown."""
-    return _largest(result, "shear_force")
 
 
 def largest_strain(result: Result) -> Peak | None:
@@ -244,11 +250,18 @@ def stations_of(data: xr.Dataset, name: str) -> Float[np.ndarray, " place"]:
 
 
 def _largest(result: Result, name: str) -> Peak | None:
+    """Return the largest value of a variable along the arm; None where the result lacks it."""
     data = result.dataset
     if name not in data:
         return None
     sizes = (_size(part[name].values) for part in pieces(data, [name]))
     return _peak(data, sizes, stations_of(data, name))
+
+
+largest_curvature, largest_bending_moment, largest_shear_force = (
+    partial(_largest, name=name) for name in ("curvature", "bending_moment", "shear_force")
+)
+"""Largest curvature (1/m), bending moment (N m), and shear force at the middle of an edge (N)."""
 
 
 def _peak(

@@ -57,6 +57,8 @@ class Measure(NamedTuple):
             return self.source(run.result)
         function, _, field = self.source.partition(".")
         found = run.of(function)
+        if isinstance(found, dict):
+            return found.get(field)
         return getattr(found, field) if field and found is not None else found
 
     def of(self, result: Result) -> float | None:
@@ -158,7 +160,7 @@ MEASURES = {
         f"base_{load}_{axis}_{end}{time}": Measure(
             "s" if time else unit, f"{word} base {load} {way} {axis}{', time' if time else ''}",
             f"{'time of the ' if time else ''}{word} {load} of the arm on its base {way} {axis}",
-            f"base_components:base_components.{load}_{axis}_{end}{time}")
+            f"loads:base_components.{load}_{axis}_{end}{time}")
         for load, unit, way in (("force", "N", "along"), ("moment", "N m", "about"))
         for axis in "xyz"
         for end, word in (("min", "least"), ("max", "greatest"))
@@ -166,27 +168,18 @@ MEASURES = {
     },
     **{
         f"max_{load}{end}": Measure(
-            unit or own, f"{short}largest {words}", f"{text}largest {words} of the arm",
+            unit or own, f"{short}largest {words}", f"{text}largest {words} {where}",
             f"loads:largest_{load}.{field}")
-        for load, own in (("bending_moment", "N m"), ("shear_force", "N"))
+        for load, own, where in (
+            ("bending_moment", "N m", "of the arm"), ("shear_force", "N", "of the arm"),
+            ("curvature", "m-1", "of the arm"),
+            ("strain", "1", "at the arm's surface, from stretch and bending"))
         for words in (load.replace("_", " "),)
         for end, unit, short, text, field in (
             ("", "", "", "", "value"),
             ("_station", "m", "station of ", "distance from the root of the ", "station"),
             ("_time", "s", "time of ", "time of the ", "time"))
     },
-    "max_curvature": Measure(
-        "m-1", "largest curvature", "largest curvature of the arm",
-        "loads:largest_curvature.value"),
-    "max_curvature_station": Measure(
-        "m", "station of largest curvature", "distance from the root at which it is largest",
-        "loads:largest_curvature.station"),
-    "max_strain": Measure(
-        "1", "largest strain", "largest strain at the arm's surface, from stretch and bending",
-        "loads:largest_strain.value"),
-    "max_strain_station": Measure(
-        "m", "station of largest strain", "distance from the root at which it is largest",
-        "loads:largest_strain.station"),
     "curvature_cycles": Measure(
         "1", "curvature cycles", "number of cycles of the curvature where its range is largest",
         "loads:bending_cycles.number"),

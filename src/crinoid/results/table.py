@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crinoid.foundation.axes import ANGLES, CHANNELS
-from crinoid.results.base_components import ComponentRanges
 from crinoid.results.effort import input_use, solver_use
 from crinoid.results.errors import TipError, error_word
 from crinoid.results.loads import ContactExtremes
@@ -210,12 +209,13 @@ class _Table(NamedTuple):
     def _add_components(self, load: str, base: str, unit: Unit) -> None:
         """Add the least and the greatest value of each component of a load, with their times."""
         way = "along" if load == "force" else "about"
-        found: list[ComponentRanges] = self.found("base_components:base_components")
-        for name in filter(lambda name: name.startswith(load), found[0]):
+        found: list[dict[str, float]] = self.found("loads:base_components")
+        for axis in "xyz":
             for end, word in (("min", "least"), ("max", "greatest")):
-                at = ((getattr(each[name], k) for k in (end, f"{end}_time")) for each in found)
-                cells = [f"{unit.text(value)} at {time:.4g} s" for value, time in at]
-                self.rows.append([f"{load} on {base} {way} {name[-1]}, {word}", *cells])
+                if (name := f"{load}_{axis}_{end}") in found[0]:
+                    at = [(unit.text(each[name]), each[f"{name}_time"]) for each in found]
+                    cells = [f"{value} at {time:.4g} s" for value, time in at]
+                    self.rows.append([f"{load} on {base} {way} {axis}, {word}", *cells])
 
     def add_vehicle(self) -> None:
         """Add the motion of a floating submarine, and the use of its thrusters."""
