@@ -1,7 +1,7 @@
 """Drives of actuators in physical units: pressures, volumes, tensions and lengths."""
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,8 @@ class ActuatorDrive(NamedTuple):
     """Drive of an actuator over time."""
 
     name: str
-    kind: Literal["chamber", "tendon", "actuator"]
+    kind: str
+    """``chamber``, ``tendon`` or ``actuator``."""
     unit: str
     """Pa, m3, N or m of chambers and tendons; of other actuators that of their input."""
     state: Float[np.ndarray, " time"]
@@ -37,23 +38,17 @@ def actuator_drives(result: Result) -> list[ActuatorDrive]:
     data, scenario = result.dataset, result.known_scenario
     if "actuator_state" not in data:
         return []
-    threads: list[Chamber | Tendon] = [*scenario.chamber, *scenario.tendon]
-    named = dict(zip(scenario.thread_names, threads, strict=True))
     found = []
-    for name, unit in zip(data["input"].values, data["input_unit"].values, strict=True):
-        each = [data[f"actuator_{part}"].sel(input=name).values for part in ("state", "command")]
-        thread = named.get(str(name))
-        if thread is None:
-            found.append(ActuatorDrive(str(name), "actuator", str(unit), *each))
-            continue
-        state, command = (thread.largest * part for part in each)
-        unit = _UNITS[thread.largest_key]
-        if isinstance(thread, Chamber):
-            found.append(ActuatorDrive(str(name), "chamber", unit, state, command))
-            continue
-        if unit == "N" and not thread.pair:
+    for name, unit in zip(map(str, data["input"].values), data["input_unit"].values, strict=True):
+        kind, scale, thread = "actuator", 1.0, scenario.threads.get(name)
+        if thread is not None:
+            kind = "chamber" if isinstance(thread, Chamber) else "tendon"
+            unit, scale = _UNITS[thread.largest_key], thread.largest
+        parts = (data[f"actuator_{part}"].sel(input=name).values for part in ("state", "command"))
+        state, command = (scale * part for part in parts)
+        if isinstance(thread, Tendon) and unit == "N" and not thread.pair:
             state = state + thread.pretension
-        found.append(ActuatorDrive(str(name), "tendon", unit, state, command))
+        found.append(ActuatorDrive(name, kind, str(unit), state, command))
     return found
 
 

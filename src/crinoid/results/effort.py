@@ -12,7 +12,7 @@ from jaxtyping import Float
 from crinoid.foundation.axes import ANGLES, POSE
 from crinoid.results.errors import judged, rms, short_way
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario
+from crinoid.scenario import Chamber, Scenario
 
 EFFORT_TIME = 0.01
 """Time constant that weighs the speed of inputs against the error of the tip (s)."""
@@ -196,12 +196,11 @@ def largest_pressure(result: Result) -> float | None:
 
     Shares give it where the pressure is set, and ``line_load`` where the volume is.
     """
-    data, chambers = result.dataset, result.scenario.chamber
-    names = result.scenario.thread_names[: len(chambers)]
+    data = result.dataset
     found = [
-        chamber.max_pressure * np.abs(data["actuator_state"].sel(input=name).values).max()
-        for chamber, name in zip(chambers, names, strict=True)
-        if not chamber.lined
+        each.max_pressure * np.abs(data["actuator_state"].sel(input=name).values).max()
+        for name, each in result.scenario.threads.items()
+        if isinstance(each, Chamber) and not each.lined
     ]
     if "line_load" in data:
         fluid = data["line_unit"].values == "Pa"

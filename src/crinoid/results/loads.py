@@ -132,9 +132,9 @@ def base_components(result: Result) -> dict[str, float]:
     data, found = result.dataset, dict[str, float]()
     for load in ("force", "moment"):
         values = data[f"base_{load}"].values
-        axes, parts = data["axis"].values, values.T
-        if values.ndim == 1:  # a moment in the plane, which counts from x toward z
-            axes, parts = ["y"], [0.0 - values]
+        planar = values.ndim == 1  # of a moment, which counts from x toward z
+        axes = ["y"] if planar else data["axis"].values.tolist()
+        parts = [0.0 - values] if planar else [*values.T]
         for axis, part in zip(axes, parts, strict=True):
             for end, at in (("min", int(part.argmin())), ("max", int(part.argmax()))):
                 found[f"{load}_{axis}_{end}"] = float(part[at])
@@ -211,12 +211,7 @@ def bending_cycles(result: Result) -> BendingCycles | None:
     data = result.dataset
     if "curvature" not in data:
         return None
-    extremes = [
-        (part["curvature"].values.min(axis=0), part["curvature"].values.max(axis=0))
-        for part in pieces(data, ["curvature"])
-    ]
-    low, high = zip(*extremes, strict=True)
-    span = np.max(high, axis=0) - np.min(low, axis=0)
+    span = np.ptp(envelope(data, "curvature"), axis=0)
     if not np.isfinite(span).all():
         return None
     place, nodes = int(np.argmax(span)), len(span)
@@ -226,12 +221,28 @@ def bending_cycles(result: Result) -> BendingCycles | None:
     parts = pieces(data, ["curvature"])
     along = (part["curvature"].values.reshape(part.sizes["time"], -1) for part in parts)
     series = np.concatenate([values[:, place] for values in along])
-    found = [(size, count) for size, _, count, *_ in rainflow.extract_cycles(series)]
-    if not found:  # of two instants
-        return BendingCycles(station, none, none)
-    ranges, counts = np.array(sorted(found, reverse=True)).T
-    counted = ranges >= _GATE * ranges[0]
+    ranges, counts = cycles_of(series)
+    counted = ranges >= _GATE * ranges.max(initial=0.0)
     return BendingCycles(station, ranges[counted], counts[counted])
+
+
+def cycles_of(
+    series: Float[np.ndarray, " time"],
+) -> tuple[Float[np.ndarray, " cycle"], Float[np.ndarray, " cycle"]]:
+    """Return the ranges of the cycles of a series, falling, and their counts: 1 or 0.5 of a half.
+
+    By rainflow counting (ASTM E1049-85).
+    """
+    found = [(size, count) for size, _, count, *_ in rainflow.extract_cycles(series)]
+    ranges, counts = np.array(sorted(found, reverse=True)).reshape(-1, 2).T
+    return ranges, counts
+
+
+def envelope(data: xr.Dataset, name: str) -> Float[np.ndarray, "end=2 ..."]:
+    """Return the least and the greatest values of a variable over time."""
+    parts = (part[name].values for part in pieces(data, [name]))
+    ends = np.array([(values.min(axis=0), values.max(axis=0)) for values in parts])
+    return np.stack([ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)])
 
 
 def _components(given: Float[np.ndarray, " part"]) -> Float[np.ndarray, " bending=2"]:

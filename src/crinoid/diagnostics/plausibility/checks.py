@@ -117,13 +117,13 @@ def _speeds(facts: Facts, found: str, motion: Motion) -> Iterator[tuple[str, str
     suffix = "_deg" if motion.channel in TURNING else ""
     match motion:
         case TableMotion():
-            steepest = _steepest(np.array(motion.time), np.array(motion.value_si))
+            steepest = _steepest(np.array(motion.time), np.array(motion.size_si))
             yield f"value{suffix}", motion.channel, steepest
         case SineMotion():
-            speed = abs(motion.amplitude_si) * 2 * math.pi * motion.frequency_hz
+            speed = abs(motion.size_si) * 2 * math.pi * motion.frequency_hz
             yield f"amplitude{suffix}", motion.channel, speed
         case VelocityMotion():
-            yield f"velocity{suffix}", motion.channel, abs(motion.velocity_si)
+            yield f"velocity{suffix}", motion.channel, abs(motion.size_si)
 
 
 def _steepest(time: Float[np.ndarray, " point"], value: Float[np.ndarray, " point"]) -> float:

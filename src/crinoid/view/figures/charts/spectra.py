@@ -103,7 +103,7 @@ def _panel(
         if each is not None:
             frequency, density = each
             shown = np.where(density > 0.0, density, np.nan)
-            traces.append(Trace(who or name, frequency, shown, role, behind=role == "free"))
+            traces.append(Trace(who or name, frequency, shown, role))
     seen = [f[density > top / 10**_DECADES] for f, density in known]
     label = f"({root.name})²/Hz" if " " in root.name else f"{root.name}²/Hz"
     unit, low = Unit(root.factor**2, label), top / 10**_DECADES

@@ -123,7 +123,7 @@ def _force(bodies: list[_Body]) -> Panel:
             filled = True
         summary = f"\u2264 {unit.text(largest(body.force))}"
         traces.append(
-            Trace(body.short, body.time, body.force, role, behind=body.behind, summary=summary)
+            Trace(body.short, body.time, body.force, role, reference=body.behind, summary=summary)
         )
     limit = spike_limit([body.force[:, None] for body in bodies])
     panel = replace(_FORCE, unit=unit, traces=tuple(traces), high=limit if top else 1.0)
@@ -148,7 +148,7 @@ def _gap(bodies: list[_Body]) -> Panel:
         summary = f"\u2265 {length_unit(abs(body.closest)).text(body.closest)}"
         role = f"series {body.order}"
         traces.append(
-            Trace(body.short, body.time, body.gap, role, behind=body.behind, summary=summary)
+            Trace(body.short, body.time, body.gap, role, reference=body.behind, summary=summary)
         )
     unit = length_unit(largest(*(body.gap for body in bodies)))
     return replace(_GAP, unit=unit, traces=tuple(traces))
