@@ -107,19 +107,14 @@ class BendingCycles(NamedTuple):
         return float(self.ranges[0] * mean ** (1 / _EXPONENT))
 
 
-def base_force(result: Result) -> BaseLoad:
-    """Return the force of the arm on its base, by its magnitude."""
-    return _base_load(result.dataset["base_force"].values)
-
-
-def base_moment(result: Result) -> BaseLoad:
-    """Return the moment of the arm on its base, by its magnitude."""
-    return _base_load(result.dataset["base_moment"].values)
-
-
-def _base_load(load: Float[np.ndarray, "time ..."]) -> BaseLoad:
+def _base_load(result: Result, name: str) -> BaseLoad:
+    load = result.dataset[name].values
     size = np.linalg.norm(load, axis=1) if load.ndim == 2 else np.abs(load)
     return BaseLoad(float(size.max()), rms(size), p95(size))
+
+
+base_force, base_moment = (partial(_base_load, name=f"base_{kind}") for kind in ("force", "moment"))
+"""Force and moment of the arm on its base, by their magnitudes."""
 
 
 def base_components(result: Result) -> dict[str, float]:
@@ -153,19 +148,9 @@ def contact(result: Result) -> ContactExtremes | None:
     return ContactExtremes(float(time.max()), float(force.max()), float(gap.min()), which)
 
 
-def self_contact(result: Result) -> ContactSeries | None:
-    """Return the contact of the arm with itself; None without any."""
-    return far_contact(result.dataset, "self")
-
-
-def hull_contact(result: Result) -> ContactSeries | None:
-    """Return the contact of the arm with the hull; None without any."""
-    return far_contact(result.dataset, "hull")
-
-
-def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
+def far_contact(result: Result, part: str) -> ContactSeries | None:
     """Return the contact with one of `crinoid.results.metrics.FAR_CONTACTS`; None without any."""
-    names = [f"{part}_force", f"{part}_gap"]
+    data, names = result.dataset, [f"{part}_force", f"{part}_gap"]
     if not set(names) <= set(data):
         return None
     forces, gaps = [], []
@@ -177,6 +162,10 @@ def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
     held = (force[1:] > 0.0) & (force[:-1] > 0.0)
     lasted = float(np.diff(data["time"].values)[held].sum())
     return ContactSeries(force, np.concatenate(gaps), held, lasted)
+
+
+self_contact, hull_contact = (partial(far_contact, part=part) for part in ("self", "hull"))
+"""Contact of the arm with itself, and with the hull."""
 
 
 def largest_strain(result: Result) -> Peak | None:

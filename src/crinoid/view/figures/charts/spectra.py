@@ -69,11 +69,12 @@ def load_chart(run: Result) -> Chart | None:
             values = data[name].values if name in data else np.zeros(data.sizes["time"])
             return values.reshape(len(values), -1)
 
-        def unit_of(most: float, unit: str = unit) -> Unit:
-            return si_unit(most, unit)
-
         panel = Panel(f"{name}_spectrum", f"density of the\n{word} on {base}", tall=2.6)
-        panels.append(_panel(run, panel, load, unit_of, word, f"the {word} does not change"))
+        panels.append(
+            _panel(
+                run, panel, load, partial(si_unit, name=unit), word, f"the {word} does not change"
+            )
+        )
     ends = [panel.over for panel in panels if panel.over]
     if not ends:
         return None

@@ -84,7 +84,7 @@ def _bodies(label: str, result: Result) -> Iterator[_Body]:
             about = named(names[index], f"{index}", index)
             yield _Body(*about, np.diff(total) > 0.0, float(total[-1]), force, mean, gap, closest)
     for index, (part, words) in enumerate(FAR_CONTACTS.items()):
-        if (far := far_contact(data, part)) is None:
+        if (far := far_contact(result, part)) is None:
             continue
         name, short = f"the arm {words}" if part == "self" else words, words.split()[-1]
         about, none = named(name, short, count + index), np.zeros(0)
