@@ -7,6 +7,9 @@ Run it after a change to a command or an option: `tests/project/test_docs.py` co
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,8 @@ from crinoid.cli.app import app
 
 PAGE = Path(__file__).with_name("reference") / "commands.md"
 BEGIN, END = "<!-- commands: begin -->", "<!-- commands: end -->"
+MANY = 4
+"""Number of commands that a common parameter has at least."""
 
 
 def commands() -> dict[str, Any]:
@@ -25,8 +30,12 @@ def commands() -> dict[str, Any]:
 
 
 def reference() -> str:
-    """Return a section for each command."""
-    return "\n\n".join(_section(name, each) for name, each in commands().items())
+    """Return a table of common parameters, and a section for each command."""
+    found = commands()
+    count = Counter(_row(name, each) for name, command in found.items() for each in shown(command))
+    common = [row for row, number in count.items() if number >= MANY]
+    sections = (_section(name, each, common) for name, each in found.items())
+    return "\n\n".join([f"## Common parameters\n\n{_table(common)}", *sections])
 
 
 def updated(text: str) -> str:
@@ -36,22 +45,36 @@ def updated(text: str) -> str:
     return f"{before}{BEGIN}\n\n{reference()}\n\n{END}{after}"
 
 
-def _section(name: str, command: Any) -> str:
+def shown(command: Any) -> list[Any]:
+    """Return the parameters of a command except `--help`."""
+    return [each for each in command.params if each.name != "help"]
+
+
+def _section(name: str, command: Any, common: Sequence[str]) -> str:
     words = " ".join((command.help or "").split())
     arguments = [_metavar(each) for each in command.params if not _is_option(each)]
     usage = " ".join([f"crinoid {name}", *arguments])
-    rows = [_row(each) for each in command.params if each.name != "help"]
-    table = "\n".join(["| | Default | Meaning |", "|---|---|---|", *rows])
-    section = f"## `crinoid {name}`\n\n{words}\n\n```\n{usage}\n```"
-    return f"{section}\n\n{table}" if rows else section
+    rows = [_row(name, each) for each in shown(command)]
+    parts = [f"## `crinoid {name}`\n\n{words}\n\n```\n{usage}\n```"]
+    if own := [row for row in rows if row not in common]:
+        parts.append(_table(own))
+    names = [row.split()[1].strip("`") for row in rows if row in common]
+    if options := [f"`{each}`" for each in names if each not in arguments]:
+        parts.append(f"[Common](#common-parameters): {', '.join(options)}")
+    return "\n\n".join(parts)
 
 
-def _row(parameter: Any) -> str:
-    shown = _metavar(parameter)
+def _table(rows: Iterable[str]) -> str:
+    return "\n".join(["| | Default | Meaning |", "|---|---|---|", *rows])
+
+
+def _row(name: str, parameter: Any) -> str:
+    metavar = _metavar(parameter)
     if _is_option(parameter):
         names = "/".join([*parameter.opts, *parameter.secondary_opts])
-        shown = names if parameter.is_flag else f"{names} {shown}"
-    cells = (f"`{shown}`", _default(parameter), " ".join((parameter.help or "").split()))
+        metavar = names if parameter.is_flag else f"{names} {metavar}"
+    default = re.sub(rf"-{name}$", "-COMMAND", _default(parameter))
+    cells = (f"`{metavar}`", default, " ".join((parameter.help or "").split()))
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 

@@ -8,7 +8,7 @@ for it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from crinoid.foundation.result_variables import VARIABLES, Variable
@@ -23,7 +23,8 @@ _GROUPS = {
     ("vehicle", "vehicle plane", "vehicle space"): "With `vehicle.mass` there are also",
     ("estimate", "estimate plane", "estimate space", "estimate shape", "estimate current"): "With "
     '`control.kind = "lqg"` or `"mpc"` there are also the estimates of the observer '
-    "([Estimate the state from a log](../how-to/estimate.md)).",
+    "([Estimate the state from a log](../how-to/estimate.md)), and of each but `estimate_time` its "
+    "standard deviation, `NAME_std`.",
     ("obstacles",): "With `[[obstacle]]` there are also",
     ("bodies", "bodies plane", "bodies space"): "With a free obstacle, one with a `mass`, there "
     "are also, of all obstacles,",
@@ -41,8 +42,7 @@ _GROUPS = {
 def reference() -> str:
     """Return the tables, those of an arm in space and of obstacles apart."""
     return "\n\n".join(
-        "\n\n".join(filter(None, [text, _table(each for each in VARIABLES if each.where in where)]))
-        for where, text in _GROUPS.items()
+        "\n\n".join(filter(None, [text, _table(_listed(where))])) for where, text in _GROUPS.items()
     )
 
 
@@ -51,6 +51,13 @@ def updated(text: str) -> str:
     before, rest = text.split(BEGIN)
     _, after = rest.split(END)
     return f"{before}{BEGIN}\n\n{reference()}\n\n{END}{after}"
+
+
+def _listed(where: Iterable[str]) -> Iterator[Variable]:
+    """Yield the variables of a group except the standard deviations of others."""
+    for each in VARIABLES:
+        if each.where in where and not each.name.endswith("_std"):
+            yield each
 
 
 def _table(variables: Iterable[Variable]) -> str:

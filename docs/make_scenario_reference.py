@@ -8,7 +8,7 @@ Run it after a change to what a scenario takes; `tests/project/test_docs.py` ask
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,7 @@ def pages() -> dict[Path, str]:
     schema = Scenario.model_json_schema()
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
     listed = "\n".join(f"scenario/{name}" for name in PARTS)
-    made = f"{_table(schema['properties'])}\n\n```{{toctree}}\n:maxdepth: 2\n\n{listed}\n```"
+    made = f"{_table(_rows(schema['properties']))}\n\n```{{toctree}}\n:maxdepth: 2\n\n{listed}\n```"
     texts = {PAGE: f"{before}{BEGIN}\n\n{made}\n\n{END}{rest.partition(END)[2]}"}
     entries = dict(schema["properties"])
     for name, (title, tables) in PARTS.items():
@@ -72,11 +72,14 @@ def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]
             yield _section(f"`[[{prefix}{name}]]`", inner)
             yield from _sections(f"{prefix}{name}.", inner, definitions)
         elif (kinds := _kinds(entry)) is not None:
-            for kind, found in kinds.items():
-                title = f'`[[{prefix}{name}]]` with `kind = "{kind}"`'
-                inner = _definition(found, definitions)
-                yield _section(title, inner)
-                yield from _sections(f"{prefix}{name}.", inner, definitions)
+            inner = {kind: _definition(found, definitions) for kind, found in kinds.items()}
+            first, *others = (_rows(each["properties"]) for each in inner.values())
+            common = [row for row in first if all(row in rows for rows in others)]
+            if common:
+                yield f"## `[[{prefix}{name}]]` of any kind\n\n{_table(common)}"
+            for kind, each in inner.items():
+                yield _section(f'`[[{prefix}{name}]]` with `kind = "{kind}"`', each, common)
+                yield from _sections(f"{prefix}{name}.", each, definitions)
         elif name == "vary":
             yield f"## `[vary]`\n\n{entry['description']}"
         elif (found := _reference(entry)) in alike:
@@ -95,15 +98,23 @@ def _title(tables: list[tuple[str, Schema]]) -> str:
     return ", ".join(always) + (f"; in space {', '.join(in_space)}" if in_space else "")
 
 
-def _section(title: str, schema: Schema) -> str:
+def _section(title: str, schema: Schema, elsewhere: Sequence[str] = ()) -> str:
+    """Return the section of a table, without rows that are elsewhere."""
     words = " ".join(schema["description"].split()).replace("``", "`")
-    return f"## {title}\n\n{words}\n\n{_table(schema['properties'])}"
+    rows = [row for row in _rows(schema["properties"]) if row not in elsewhere]
+    return f"## {title}\n\n{words}\n\n{_table(rows)}" if rows else f"## {title}\n\n{words}"
 
 
-def _table(properties: Schema) -> str:
-    rows = ["| Key | Value | Unit | Default | Meaning |", "|---|---|---|---|---|"]
+def _table(rows: Iterable[str]) -> str:
+    head = ["| Key | Value | Unit | Default | Meaning |", "|---|---|---|---|---|"]
+    return "\n".join([*head, *rows])
+
+
+def _rows(properties: Schema) -> list[str]:
+    """Return the rows of the keys of a table, except its kind and the tables in it."""
+    rows = []
     for name, entry in properties.items():
-        if _is_table(entry) or name == "vary":
+        if _is_table(entry) or name == "vary" or "const" in entry:
             continue
         unit = unit_of(entry)
         plane, space = (
@@ -118,12 +129,12 @@ def _table(properties: Schema) -> str:
             entry["description"] + _WHERE[entry.get("only_in")],
         )
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(rows)
+    return rows
 
 
 def _default(entry: Schema) -> str:
-    if ("const" in entry and entry.get("type") == "string") or "default" not in entry:
-        return "must be given"  # a kind always must be, to tell which table it is
+    if "default" not in entry:
+        return "must be given"
     if entry["default"] is None:
         return "none"
     values = [entry[key] for key in ("default", "default_in_space") if key in entry]

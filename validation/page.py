@@ -23,23 +23,20 @@ BYTES = 40_000
 
 HEAD = """# Validation
 
-Each case has a known answer: a solution on paper, numbers in print, an experiment, or another
-program. crinoid computes it and compares. The cases are in the repository, not in the package: run
-the commands in a clone. This page is made by
+Each case compares crinoid with a known answer: a solution on paper, numbers in print, an
+experiment, or another program. The cases are functions in `validation/cases` of the repository.
+In a clone these commands make this page:
 
 ```
 python -m validation --all --peers --out results/validation
 python -m validation.page results/validation
 ```
 
-Without options `python -m validation` runs the short cases that need no other program; names choose
-cases, and `--list` shows the names. Named cases are written into `results/validation-CASE`. The
-exit code is 1 where an error is larger than its tolerance, and where the peer of a named case, or
-with `--peers` of any case, is not installed.
-`validation.json` has all checks, `CASE.png` the figure of a case, and `CASE.toml` its scenario, for
-`crinoid equilibrium` or `crinoid run`.
-
-A case is a function in a file of `validation/cases`; a new one needs no other change.
+Without options `python -m validation` runs the short cases that need no other program. Names choose
+cases, written into `results/validation-CASE`; `--list` shows the names. The exit code is 1 where an
+error exceeds its tolerance, printed **bold** here, or a required peer (`--peers`, or a named case)
+is not installed.
+`validation.json` has all checks, `CASE.png` the figure and `CASE.toml` the scenario of a case.
 """
 
 
@@ -51,7 +48,7 @@ def page(record: dict[str, Any]) -> str:
         HEAD,
         f"Run on {record['date'][:10]} with crinoid {record['crinoid']}, JAX {record['jax']} and "
         f"Python {record['python']} ({record['machine']}): {held} of {len(checks)} checks hold.\n",
-        "| Case | Reference | Checks that hold | Order | Time (s) |\n|---|---|---|---|---|",
+        "| Case | Reference | Checks | Order | Time (s) |\n|---|---|---|---|---|",
     ]
     for case in cases:
         own = [check for check in checks if check["name"] == case["name"]]
@@ -59,13 +56,19 @@ def page(record: dict[str, Any]) -> str:
         cells = (
             f"[{case['name']}](#{case['name']})",
             case["kind"],
-            f"{sum(check['holds'] for check in own)} of {len(own)}" if own else case["trouble"],
+            _held(own) if own else case["trouble"],
             "" if order is None else f"{order:.2f}",
             f"{case['seconds']:.0f}",
         )
         parts.append(f"| {' | '.join(cells)} |")
     parts += [section(case, checks) for case in cases]
     return "\n".join(parts) + "\n"
+
+
+def _held(checks: list[dict[str, Any]]) -> str:
+    """Return the number of checks, and in bold that of those that hold where not all do."""
+    held = sum(check["holds"] for check in checks)
+    return str(held) if held == len(checks) else f"**{held} of {len(checks)}**"
 
 
 def section(case: dict[str, Any], checks: Iterable[dict[str, Any]]) -> str:
@@ -76,17 +79,17 @@ def section(case: dict[str, Any], checks: Iterable[dict[str, Any]]) -> str:
         parts.append(f"- {word}: {case[key]}")
     if case["trouble"]:
         return "\n".join([*parts, f"\n{case['trouble'].capitalize()}."])
-    parts.append("\n| Quantity | Reference | crinoid | Error | Tolerance | Holds |")
-    parts.append("|---|---|---|---|---|---|")
+    parts.append("\n| Quantity | Reference | crinoid | Error | Tolerance |")
+    parts.append("|---|---|---|---|---|")
     parts += [row(check) for check in checks if check["name"] == name]
     parts += [f"\n{remark}" for remark in case["remarks"]]
     if f"{name}.png" in case["files"]:
-        parts.append(f"\n![{case['title']}](images/validation/{name}.png)")
+        parts.append(f"\n![Figure of {name}](images/validation/{name}.png)")
     return "\n".join(parts)
 
 
 def row(check: dict[str, Any]) -> str:
-    """Return the row of a check; a number that is not finite is a dash."""
+    """Return the row of a check: an error that is too large in bold, a dash for NaN or infinity."""
     unit = "" if check["unit"] == "1" else f" ({check['unit']})"
     factor, share = (100.0, " %") if check["relative"] else (1.0, "")
     numbers = [("6g", 1.0, "", check["reference"]), ("6g", 1.0, "", check["value"])]
@@ -95,8 +98,9 @@ def row(check: dict[str, Any]) -> str:
         "-" if value is None else f"{value * scale:.{digits}}{mark}"
         for digits, scale, mark, value in numbers
     ]
-    holds = "yes" if check["holds"] else "**no**"
-    return f"| {' | '.join([check['quantity'] + unit, *cells, holds])} |"
+    if not check["holds"]:
+        cells[2] = f"**{cells[2]}**"
+    return f"| {' | '.join([check['quantity'] + unit, *cells])} |"
 
 
 def copy_figures(folder: Path, record: dict[str, Any]) -> None:

@@ -32,10 +32,8 @@ pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relativ
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    """Return the fenced blocks of a language, but for files of the example package."""
-    text = page.read_text("utf-8")
-    own = re.sub(r"`examples/[\w/.-]+`:\n\n^```.*?^```", "", text, flags=re.M | re.S)
-    return re.findall(rf"^```{language}\n(.*?)^```", own, re.M | re.S)
+    """Return the fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
 
 
 def slugs(page: Path) -> set[str]:
@@ -49,7 +47,6 @@ def slugs(page: Path) -> set[str]:
     "name",
     [
         "make_notes_page",
-        "make_extending_page",
         "make_result_reference",
         "make_command_reference",
         "make_pictures",

@@ -50,12 +50,11 @@ _FALL = {
 @case(
     kind="exact",
     title="A horizontal cantilever bends far under a dead load P at its tip, P L^2/EI = 1 to 10.",
-    source="Mattiasson 1981, Int. J. Numer. Methods Eng. 17, 145-153: elliptic integrals, which "
-    "the case evaluates by SciPy.",
+    source="Elliptic integrals of Mattiasson 1981, Int. J. Numer. Methods Eng. 17, 145-153, by "
+    "SciPy.",
     method=BY_MESHES,
-    reason="The error of the mesh has order 2 in the length of an edge, L/40. The tip is within a "
-    "third of an edge squared; its angle, which continues that of the last edges, within an "
-    "edge squared. The ends of the arm add a term of order 3, hence 0.25 on the order.",
+    reason="Order 2 in the edge L/40: the tip is within a third of an edge squared, its "
+    "extrapolated angle within an edge squared. The ends add a term of order 3: 0.25 on the order.",
 )
 def tip_load() -> Evidence:
     bends = []
@@ -70,11 +69,10 @@ def tip_load() -> Evidence:
 @case(
     kind="exact",
     title="A horizontal cantilever hangs under its own weight w per length, w L^3/EI = 1 to 10.",
-    source="Two-point boundary-value problem of the inextensible elastica, EI theta'' = w (L - s) "
-    "cos theta, which the case solves by shooting to 1e-12.",
+    source="Inextensible elastica, EI theta'' = w (L - s) cos theta, by shooting to 1e-12.",
     method=BY_MESHES,
-    reason="The error of the mesh has order 2 in the length of an edge, L/40; the tip is within a "
-    "third of an edge squared. The ends of the arm add a term of order 3, hence 0.25 on the order.",
+    reason="Order 2 in the edge L/40: the tip is within a third of an edge squared. The ends add "
+    "a term of order 3: 0.25 on the order.",
 )
 def own_weight() -> Evidence:
     bends = []
@@ -96,13 +94,11 @@ def _along(kind: str, load: float, angle: float) -> Vector:
 @case(
     kind="exact",
     title="A load w per length bends a cantilever, w L^3/EI = 1 to 25.",
-    source="Two-point boundary-value problem of the inextensible elastica, EI theta'' = t x n, "
-    "n' = -w, which the case solves by shooting to 1e-12; the loads are those of PyElastica's "
-    "cases of a cantilever under a distributed load.",
+    source="Inextensible elastica, EI theta'' = t x n, n' = -w, by shooting to 1e-12; loads of "
+    "PyElastica's cantilevers under a distributed load.",
     method=BY_MESHES,
-    reason="The load on an edge l changes the moment along it by w l^2/12, hence the slope of "
-    "the arm by w L l^2/(12 EI) at most. The ends of the arm add a term of order 3, hence 0.25 "
-    "on the order.",
+    reason="The load on an edge l changes the moment by w l^2/12, hence the slope by at most w L "
+    "l^2/(12 EI). The ends add a term of order 3: 0.25 on the order.",
 )
 def distributed_load() -> Evidence:
     bends = []
@@ -133,8 +129,8 @@ def distributed_load() -> Evidence:
     source="Euler's elastica: M = EI kappa, the same along the arm.",
     method=f"Static equilibrium with {MESHES[-1]} nodes under a moment and half of it; the order "
     f"is from {MESHES[0]} and {MESHES[-1]} nodes.",
-    reason="Corners of the arm are on a wider circle and the clamp ends half an edge early: the "
-    "tip of a full circle is off by pi/(6 N^2) L, 3.3e-4 L with N = 40 edges, of order 2.",
+    reason="Corners lie on a wider circle and the clamp ends half an edge early: with N = 40 "
+    "edges the tip is off by pi/(6 N^2) L = 3.3e-4 L, of order 2.",
 )
 def end_moment() -> Evidence:
     bends = []

@@ -51,8 +51,8 @@ def exact() -> Float[np.ndarray, "3"]:
     "shooting to 1e-10.",
     method=f"Static equilibrium in space with {_MESHES[-1]} nodes, radius 100 m, EA 1e7 N, EI = GJ "
     f"= 1e7/12 N m2; the order is from {_MESHES[0]} and {_MESHES[-1]} nodes.",
-    reason="The published numbers have three digits, a step of 0.1 m; 0.02 m is 2.5e-4 of the "
-    "length. The ends of the arm add a term of order 3, hence 0.25 on the order.",
+    reason="Three published digits are a step of 0.1 m; 0.02 m is 2.5e-4 of the length. The ends "
+    "add a term of order 3: 0.25 on the order.",
 )
 def bend_45_degrees() -> Evidence:
     reference, errors, scenarios = exact(), [], {}
@@ -137,9 +137,9 @@ def beam(angle: float, torsion: float) -> Scenario:
 @case(
     kind="published",
     title="A tip load of 8.896 N, turned about a thin beam, bends it both ways and twists it.",
-    source="Dowell and Traybar 1975, the Princeton beam; deflections by ANSYS after Obrezkov et "
-    "al. 2022, Nonlinear Dynamics 109, 531-546, and by Exudyn's ANCF beam, 16 elements, both as "
-    "printed in Exudyn's example ANCFBeamTest.",
+    source="Dowell and Traybar 1975, the Princeton beam. Deflections by ANSYS from Obrezkov et "
+    "al. 2022, Nonlinear Dynamics 109, 531-546, and by 16 of Exudyn's ANCF beams, both as printed "
+    "in its example ANCFBeamTest.",
     method=f"Static equilibrium in space with {_NODES} nodes, without shear. The torsion constant "
     "is Saint-Venant's for ANSYS, which finds it from the section, and for Exudyn as there, 0.198 "
     "of the polar moment of area.",

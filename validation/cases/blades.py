@@ -73,9 +73,9 @@ def _share(nodes: int, cauchy: float) -> float:
     "large C, R falls as C^(-1/3).",
     method=f"Static equilibrium with {_NODES} nodes; R is the force along the current on the "
     f"clamp. The order is from {MESHES[0]} and {_NODES} nodes.",
-    reason="The blade bends over a length L C^(-1/3); the trapezoid rule over an edge of L/40 is "
-    "off by a twelfth of the square of their ratio. Stretching forces have a round-off of 1e-6 N "
-    "in all. The slope has 0.007 of the former, and the exact one is still 0.003 from its limit.",
+    reason="The blade bends over a length L C^(-1/3); the trapezoid rule errs by a twelfth of the "
+    "square of the edge L/40 over it. Stretching forces have a round-off of 1e-6 N. The slope has "
+    "0.007 of the former; the exact one is 0.003 from its limit.",
 )
 def gosselin_blade() -> Evidence:
     curve, highest = {}, _UPRIGHT - 1e-9
@@ -117,8 +117,8 @@ def gosselin_blade() -> Evidence:
     method=f"Static equilibrium with {_NODES} nodes; the effective length is the force on the "
     f"clamp along the current over 1/2 rho Cd d U^2. The order is from {MESHES[0]} and "
     f"{_NODES} nodes.",
-    reason="A load per length changes the curvature over an edge l by its l^2/(12 EI) at most. "
-    "The ends of the arm add a term of order 3, hence 0.25 on the order.",
+    reason="A load per length changes the curvature over an edge l by at most its l^2/(12 EI). "
+    "The ends add a term of order 3: 0.25 on the order.",
 )
 def luhar_nepf_current() -> Evidence:
     bends = []
@@ -150,7 +150,7 @@ def luhar_nepf_current() -> Evidence:
     "without drag along it.",
     method=f"Static equilibrium of a clamped arm with EI = 1e-4 w L^3 and {_NODES} nodes.",
     reason="A straight chain has no error of the mesh. Stretching forces have a round-off of 1e-7 "
-    "N, which is 1e-5 of the weight of the last half edge.",
+    "N, 1e-5 of the weight of the last half edge.",
 )
 def limp_chain() -> Evidence:
     checks, scenarios, drawn = [], {}, []

@@ -108,8 +108,8 @@ def _motions() -> list[_Motion]:
     "SciPy's DOP853 to 1e-10.",
     method="The vehicle with a rod of 10 mg in space, steps of 10 ms: thrust 40 N, current 0.5 "
     "m/s, weight of 0.1 kg; moments 0.05, 0.2, 0.05 N m.",
-    reason="Steps of h follow a decay in a time T to (h/T)^2/12, with T = 0.13 s of the surge "
-    "5e-4. The rod adds up to 2.5e-5 to the drag.",
+    reason="Steps of h err by (h/T)^2/12 in a decay of time T: 5e-4 with T = 0.13 s of the surge. "
+    "The rod adds up to 2.5e-5 to the drag.",
 )
 def bluerov2() -> Evidence:
     checks, scenarios, drawn = [], {}, []

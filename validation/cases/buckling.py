@@ -51,12 +51,12 @@ def _elastica_at(m: float) -> tuple[float, float, float]:
     title="A column buckles under Euler's load pi^2 EI/(4 L^2) at its tip, and leans beyond it.",
     source="Euler's load, and the elastica beyond it in elliptic integrals: Timoshenko and Gere "
     "1961, Theory of Elastic Stability, section 2.7.",
-    method=f"The lowest natural frequency about five standing equilibria, with {MESHES[-1]} "
-    "nodes; the load at which its square is 0, by a polynomial. Static equilibria at four loads "
+    method="The load at which the square of the lowest natural frequency is 0, by a polynomial "
+    f"through five standing equilibria with {MESHES[-1]} nodes. Static equilibria at four loads "
     f"beyond it. The order is from {MESHES[0]} and {MESHES[-1]} nodes.",
-    reason="A thrust P softens the bend of an edge l by the share P l^2/(12 EI): so much is the "
-    "buckling load low, and a tenth is for the polynomial. Beyond it the tip moves as from so "
-    "much more load; the corners of the arm add a twelfth of curvature times l^2.",
+    reason="A thrust P softens the bend of an edge l, and lowers the buckling load, by the share "
+    "P l^2/(12 EI); a tenth is for the polynomial. Beyond it the tip moves as from so much more "
+    "load; corners add a twelfth of curvature times l^2.",
 )
 def euler_buckling() -> Evidence:
     below = np.array([0.4, 0.6, 0.8, 0.9, 0.96]) * _EULER
@@ -102,11 +102,10 @@ def euler_buckling() -> Evidence:
     title="A standing arm buckles under its own weight w per length.",
     source="Greenhill 1881, Proc. Camb. Phil. Soc. 4: w L^3/EI is 9/4 of the square of the first "
     "zero of the Bessel function J_(-1/3).",
-    method=f"The lowest natural frequency about five standing equilibria, with {MESHES[-1]} nodes; "
-    f"the load at which its square is 0, by a polynomial. The order is from {MESHES[0]} and "
+    method=f"As for euler-buckling, with {MESHES[-1]} nodes; the order is from {MESHES[0]} and "
     f"{MESHES[-1]} nodes.",
-    reason="A thrust softens the bend of an edge: the load is low by 0.516/N^2 of itself with N "
-    "edges, 3.2e-4 with 40.",
+    reason="A thrust softens the bend of an edge: the load is low by a share of 0.516/N^2, 3.2e-4 "
+    "with N = 40 edges.",
 )
 def greenhill_buckling() -> Evidence:
     weights = np.array([3.0, 4.5, 6.0, 7.0, 7.5])

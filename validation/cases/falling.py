@@ -98,9 +98,9 @@ def _timoshenko_share() -> float:
     source="SoRoMoX (2026), section IV a: damped, by SoRoMoX, SoRoSim and PyElastica. Undamped: "
     "PyElastica 1.0.0 with 80 elements.",
     method=f"{_NODES} nodes, time step {1e3 * _STEP:g} ms.",
-    reason="Up to 0.3 s the way of the tip in the delay by shear and rotary inertia, from "
-    "Timoshenko's beam. At 0.5 s, where the tip turns, their effect and that of PyElastica's "
-    "thinner sections under tension, on PyElastica's own tip: 14 mm (see pyelastica-release).",
+    reason="Up to 0.3 s: the way of the tip in the delay by shear and rotary inertia, from "
+    "Timoshenko's beam. At 0.5 s, where the tip turns: 14 mm, the effect of these and of "
+    "PyElastica's thinner sections under tension on its own tip (see pyelastica-release).",
 )
 def falling_arm() -> Evidence:
     scenarios = {
@@ -135,11 +135,11 @@ def falling_arm() -> Evidence:
         axes.legend(ncols=2, fontsize=8, frameon=False, loc="upper center")
 
     remarks = (
-        f"Shear and rotary inertia, which crinoid leaves out, lower the first frequency by "
-        f"{100 * (1 - share):.2f} %: PyElastica's arm is late by that share.",
+        "Shear and rotary inertia, which crinoid leaves out, lower the first frequency, and delay "
+        f"PyElastica's arm, by {100 * (1 - share):.2f} %.",
         f"With damping_time = {_DAMPING:g} s the tip is off those in print at 0.5, 1 and 2 s by "
-        f"(mm): {'; '.join(damped)}. SoRoMoX and SoRoSim have two segments there, which explains "
-        "their distance (see soromox-fall); PyElastica has another law of damping.",
+        f"(mm): {'; '.join(damped)}. SoRoMoX and SoRoSim have only two segments there (see "
+        "soromox-fall), PyElastica another law of damping.",
     )
     return Evidence(checks, None, scenarios, draw, remarks)
 
@@ -192,8 +192,7 @@ def _compared(
     "edges of MuJoCo keep their length by soft constraints. MuJoCo by steps of "
     f"{_MUJOCO_STEP:g} s, extrapolated from {_MUJOCO_NODES[0]} and {_MUJOCO_NODES[1]} vertices "
     "with order 2.",
-    reason="The step of the extrapolation: a third of MuJoCo's change between the meshes, 1 mm at "
-    "0.5 s.",
+    reason="A third of MuJoCo's change between the meshes, 1 mm at 0.5 s.",
     needs=("mujoco",),
 )
 def mujoco_rod() -> Evidence:
@@ -219,8 +218,8 @@ def mujoco_rod() -> Evidence:
     method=f"41 nodes, time step 1 ms, undamped, EA {_STIFFER:g} times that of the material, as "
     "PyElastica's sections become thinner as they stretch and crinoid's do not. PyElastica with "
     f"{_ELEMENTS} elements and steps of {1e6 * _VERLET_STEP:g} us.",
-    reason="From 40 to 80 elements PyElastica's tip moves by up to 0.25 mm, and the extrapolation "
-    "leaves a part of its own step of 0.4 mm at 0.2 s and 2.4 mm at 0.5 s.",
+    reason="From 40 to 80 elements PyElastica's tip moves by up to 0.25 mm; the extrapolation "
+    "leaves a part of its step of 0.4 mm at 0.2 s and 2.4 mm at 0.5 s.",
     needs=("elastica",),
 )
 def pyelastica_release() -> Evidence:
@@ -259,8 +258,7 @@ def pyelastica_release() -> Evidence:
     "neither stretch nor shear.",
     method=f"41 nodes, time step 1 ms, damping time {_DAMPING:g} s, EA {_STIFFER:g} times that of "
     "the material. SoRoMoX is extrapolated from 4 and 8 segments with order 2.",
-    reason="The step of the extrapolation: a third of SoRoMoX's change from 4 to 8 segments, 3 mm "
-    "at 0.5 s.",
+    reason="A third of SoRoMoX's change from 4 to 8 segments, 3 mm at 0.5 s.",
     needs=("soromox",),
 )
 def soromox_fall() -> Evidence:

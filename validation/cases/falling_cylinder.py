@@ -39,9 +39,8 @@ def _scenario(relative: float, step: float) -> Scenario:
     method="Run of 2 s of a stiff arm of 0.2 m, d = 10 mm, Cd = 1.1, Ca = 1, with 5 nodes, on a "
     f"vehicle of 1e-9 kg, in steps of {_STEPS[-1]:g} s; the order is from {_STEPS[0]:g} and "
     f"{_STEPS[-1]:g} s.",
-    reason="The vehicle is 1e-6 of an edge of the arm, so the first acceleration is off by that "
-    "share. The trapezoid rule is off by a twelfth of (time step a/v_t)^2. Newton's tolerance of "
-    "1e-8 leaves 1e-7 of the terminal speed at most.",
+    reason="The vehicle adds 1e-6 of an edge to the mass. The trapezoid rule errs by (time step "
+    "a/v_t)^2/12. Newton's tolerance of 1e-8 leaves at most 1e-7 of the terminal speed.",
 )
 def falling_cylinder() -> Evidence:
     checks, scenarios, curves, orders = [], {}, [], []

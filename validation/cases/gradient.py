@@ -55,8 +55,8 @@ _KEYS: dict[str, Callable[[Parameters], Array]] = {
     source="Central differences of the same run.",
     method=f"Mean squared error of the tip over {_STEPS} steps of 10 ms under PID control, with 5 "
     "nodes; reverse mode, through the solution of each step. Each key is multiplied by a factor.",
-    reason="The second derivative of the drag jumps where the relative velocity reverses. "
-    "Differences over 1e-5 leave that share of the jump, and 1e-12/1e-5 = 1e-7 of round-off.",
+    reason="Where the relative velocity reverses, the second derivative of the drag jumps. "
+    "Differences over 1e-5 leave that share of it, and 1e-12/1e-5 = 1e-7 of round-off.",
 )
 def gradient() -> Evidence:
     loop, state = closed_loop(_SCENARIO)

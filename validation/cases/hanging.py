@@ -73,11 +73,11 @@ def _scenario(nodes: int, speed: float) -> Scenario:
 @case(
     kind="exact",
     title="An arm hangs in a steady current that pushes its tip to the side.",
-    source="Two-point boundary-value problem of a rod with drag across it, weight and buoyancy, "
-    "which the case solves by collocation to 1e-9.",
+    source="Boundary-value problem of a rod with weight, buoyancy and the drag across it, by "
+    "collocation to 1e-9.",
     method=BY_MESHES.replace(";", f" at {', '.join(map(str, _SPEEDS))} m/s;"),
-    reason="The error of the mesh has order 2 in the length of an edge, L/40; the tip is within a "
-    "third of an edge squared, over L. The ends add a term of order 3, hence 0.25 on the order.",
+    reason="Order 2 in the edge L/40: the tip is within a third of an edge squared, over L. The "
+    "ends add a term of order 3: 0.25 on the order.",
 )
 def hanging_in_current() -> Evidence:
     bends = []
@@ -147,8 +147,8 @@ def _at_rest(
     source="MoorDyn 2.7.2, run in the case from the straight line until it is at rest.",
     method=f"Static equilibrium with {MESHES[-1]} nodes; MoorDyn with {_SEGMENTS} segments, steps "
     f"of {_TIME_STEP:g} s by RK4 and 30 s.",
-    reason="Lumped masses have an error of order 2 in the length of a segment, L/20: 1/400, and "
-    "twice that with the clamp.",
+    reason="Lumped masses err by order 2 in the segment, L/20: 1/400, and twice that with the "
+    "clamp.",
     needs=("moordyn",),
 )
 def moordyn_line() -> Evidence:
@@ -178,8 +178,8 @@ def moordyn_line() -> Evidence:
     source="CableDyn 0.3.0, run in the case from a straight cable until it is at rest.",
     method=f"Static equilibrium with {MESHES[-1]} nodes; CableDyn with {_SEGMENTS} elements, steps "
     f"of {_TIME_STEP:g} s and 16 s.",
-    reason="CableDyn's tips are 0.1 % from the boundary-value problem of hanging-in-current; the "
-    "mesh of crinoid adds up to a third of an edge squared, 0.02 % of the length.",
+    reason="CableDyn's tips are 0.1 % from the boundary-value problem of hanging-in-current; "
+    "crinoid's mesh adds up to a third of an edge squared, 0.02 % of the length.",
     needs=("cabledyn",),
 )
 def cabledyn_line() -> Evidence:

@@ -174,13 +174,13 @@ _SHARES = (0.22, 0.14)
 @case(
     kind="exact",
     title="A neutral cantilever in a current locks in to its vortices, by synchronisation.",
-    source="Thorsen, Saevik and Larsen 2014, J. Fluids Struct. 51, eq. 12 and 13: the phase of the "
-    "lift. The case integrates three modes of a linear beam by DOP853 to 1e-9.",
+    source="Thorsen, Saevik and Larsen 2014, J. Fluids Struct. 51, eq. 12 and 13, the phase of "
+    "the lift; three modes of a linear beam by DOP853 to 1e-9.",
     method=f"{_NODES} nodes in space, time step {_STEP:g} s, 25 diameters long, at natural "
     f"frequencies of {' and '.join(f'{share:g}' for share in _SHARES)} U/D; the last {_JUDGED:g} s "
     f"of {_DURATION:g} s.",
-    reason="The random phases at the start change the amplitude by up to 1 %. The beam is linear, "
-    "the arm with slopes of up to 0.07 is not: 0.5 %. Mesh and step add about 1 % each.",
+    reason="Random phases at the start change the amplitude by up to 1 %, slopes of the arm of up "
+    "to 0.07 by 0.5 %. Mesh and step add about 1 % each.",
 )
 def vortex_lock_in() -> Evidence:
     checks, scenarios, pairs = [], {}, []
@@ -227,9 +227,8 @@ def _moordyn(arm: Scenario) -> _LockIn:
     source="MoorDyn 2.7.2, run in the case, with its model of Thorsen, Saevik and Larsen.",
     method=f"{_NODES} nodes in space, time step {_STEP:g} s; MoorDyn with {_EDGES} segments and a "
     f"step of {_TIME_STEP:g} s. Of both the last {_JUDGED:g} s of {_DURATION:g} s.",
-    reason="MoorDyn's own distance from the beam of three modes with its memory and its lift, up "
-    "to 1.6 % in amplitude and 1.2 % in frequency with 12 segments, and 1 % by the phases at the "
-    "start.",
+    reason="MoorDyn, with its memory, lift and 12 segments, is up to 1.6 % in amplitude and 1.2 % "
+    "in frequency from the beam of three modes; phases at the start add 1 %.",
     needs=("moordyn",),
 )
 def moordyn_vortices() -> Evidence:

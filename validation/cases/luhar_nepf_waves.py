@@ -107,8 +107,8 @@ def _distance(points: Float[np.ndarray, "p 2"], loop: Float[np.ndarray, "q 2"]) 
     "wave from rest. The measured velocity travels with the waves. Cd = 10 KC^(-1/3) and CM = 1 + "
     "(KC - 18)^2/49 of the literature, with KC of the half range of the level velocity near the "
     "tip; no number is fitted.",
-    reason="RMS distance of the same points from the curve of the source's own model, which "
-    "starts from the same velocity.",
+    reason="RMS distance of the same points from the curve of the source's own model with the "
+    "same velocity.",
 )
 def luhar_nepf_waves() -> Evidence:
     at_heights = np.vander(_HEIGHTS / _HEIGHTS[-1], increasing=True)

@@ -64,9 +64,9 @@ def _checks(name: str, reference: _Reference, found: Margin) -> Iterator[Check]:
     "of type0 with K = 2 in test_zmore_margin.",
     method=f"The margins of `crinoid margins`, from {_FREQUENCY.size} frequencies between 0.01 and "
     "100 rad/s.",
-    reason="The absolute tolerances of python-control's own tests: 1.5e-3, and 0.01 for the triple "
-    "pole. The grid leaves 1.2e-3 rad/s of a frequency near 10 rad/s. Margins that a loop lacks, "
-    "or that the source does not give, are left out.",
+    reason="Absolute tolerances of python-control's own tests: 1.5e-3, and 0.01 for the triple "
+    "pole. The grid leaves 1.2e-3 rad/s near 10 rad/s. Margins that a loop lacks or the source "
+    "omits are left out.",
 )
 def margins() -> Evidence:
     loops = _loops(1j * _FREQUENCY)

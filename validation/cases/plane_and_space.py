@@ -33,11 +33,11 @@ def _scenario(dimension: int) -> Scenario:
 @case(
     kind="exact",
     title="An arm that moves in a plane does the same as a planar and as a spatial arm.",
-    source="Symmetry: no force acts out of the plane. They bend by different elements.",
+    source="Symmetry: no force acts out of the plane. The two arms bend by different elements.",
     method="7 nodes, 2 s in steps of 10 ms, Newton's tolerance 1e-13, both from equilibrium: a "
     "moving base, steady and swinging current, weight, a force that follows the tip.",
-    reason="Each step is solved to 1e-13 of the largest force; over 200 steps that and round-off "
-    "stay below 1e-9 m, and by the stiffness of an edge below 1e-6 N.",
+    reason="Steps are solved to 1e-13 of the largest force. Over 200 steps this and round-off "
+    "stay below 1e-9 m, by the stiffness of an edge below 1e-6 N.",
 )
 def plane_and_space() -> Evidence:
     flat, full = (simulate(_scenario(dimension)).dataset for dimension in (2, 3))

@@ -57,8 +57,8 @@ def _kept() -> float:
     "spline through the process at T/20, whose variance follows from its weights.",
     method="A record of 20 000 correlation times, read at two steps that miss its points; variance "
     "over sigma^2.",
-    reason="Over N = 20 000 correlation times the variance scatters by sqrt(1/N) = 0.7 %, a "
-    "correlation by as much: four times that.",
+    reason="Over N = 20 000 correlation times, variance and correlation scatter by sqrt(1/N) = "
+    "0.7 %: four times that.",
 )
 def gauss_markov() -> Evidence:
     (flow,) = system(_SCENARIO).forces.water.flows
@@ -136,9 +136,9 @@ def _jets(flows: Flow, points: Float[Array, "p 3"]) -> tuple[Array, Array]:
     method=f"{_SEEDS} seeds, 256 modes: divergence by automatic differentiation and intensity at "
     "200 points, spectrum of 33 s at a point past which the mean carries the eddies, for k L_e "
     "from 5 to 60.",
-    reason="Round-off leaves 1e-10 of the gradient. The energy of a draw is given, its share in "
-    "each component scatters by a few percent. A slope over 12 bands scatters by 0.1; "
-    "von Karman's own is -1.66 there.",
+    reason="Round-off leaves 1e-10 of the gradient. The energy of a draw is given; its share in a "
+    "component scatters by a few percent. A slope over 12 bands scatters by 0.1; von Karman's is "
+    "-1.66 there.",
 )
 def turbulence() -> Evidence:
     drawn = [system(_scenario(seed)).forces.water.flows[0] for seed in range(_SEEDS)]

@@ -49,8 +49,8 @@ def _scenario() -> Scenario:
     "is slowly pulled to its largest tension and paid out to 0.4 of it, with 5 s of rest after "
     "each.",
     reason="Friction develops over a sliding of 2e-4 of the tendon's length, twice that when it "
-    "turns round. Near its end 1 %, and 4 % on the way back, slides less. So much of the arm may "
-    "bend as without friction, or as while the tendon is pulled.",
+    "reverses. Near the end 1 % of the tendon slides less, on the way back 4 %, and may bend as "
+    "without friction or as when pulled.",
 )
 def tendon_friction() -> Evidence:
     scenario = _scenario()

@@ -111,8 +111,8 @@ def _words(data: xr.Dataset) -> str:
     "density to eight holds leaves 11, 18, 19 and 36 mm.",
     method="`crinoid identify` of Young's modulus, density and the offset of tendon 1 from the "
     "places of four markers, in equilibria of 31 nodes; then without each hold in turn.",
-    reason="The RMS errors of the source's fit for the markers; 25 mm for the tip in a hold that "
-    "was not fitted, 7 % of the length.",
+    reason="RMS errors of the source's fit for the markers; 25 mm, 7 % of the length, for the tip "
+    "in a hold left out.",
     long=True,
 )
 def tentacle() -> Evidence:
@@ -130,8 +130,8 @@ def tentacle() -> Evidence:
     remarks = (
         f"Found: {_words(data)}.",
         f"Tip in the hold left out: {apart} mm.",
-        "Offsets of both tendons, density and modulus together have correlations of 1.00: bending "
-        "depends on their ratios alone. So the offset of tendon 0 is taken as drawn.",
+        "Bending depends on the ratios of offsets, density and modulus alone (correlations of "
+        "1.00), so the offset of tendon 0 is that of the drawing.",
     )
 
     def draw(axes: Axes) -> None:

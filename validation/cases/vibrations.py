@@ -40,9 +40,8 @@ def _frequencies(scenario: Scenario) -> Float[np.ndarray, " mode"]:
     "cosh x = -1, omega = x^2 sqrt(EI/m)/L^2. In water m becomes m + Ca rho A.",
     method=f"Modes about the straight arm, with {MESHES[-1]} nodes; the order is the least of "
     f"three modes, from {MESHES[0]} and {MESHES[-1]} nodes.",
-    reason="The error has order 4 in the length of an edge, L/40, and is below (beta L/40)^4 / "
-    "1000. Terms of higher order make it fall faster, hence 0.3 on the order. Added mass is "
-    "spread like mass, so the ratio has no error of the mesh.",
+    reason="The error has order 4 in the edge L/40 and is below (beta L/40)^4/1000; higher orders "
+    "add 0.3 to the order. Added mass is spread like mass: the ratio has no error of the mesh.",
 )
 def cantilever_frequencies() -> Evidence:
     exact = cantilever_roots(len(_MODES))
@@ -111,9 +110,8 @@ def _drop(times: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
     "sum of modes, each with a Maxwell branch, integrated by a matrix exponential.",
     method=f"Damped modes about the straight arm, and a creep of {_DURATION:g} s in steps of 20, "
     f"10 and 5 ms, with {_NODES} nodes; the order is from changes between steps.",
-    reason="The frequencies of this mesh are within 1e-4. Steps of 5 ms follow the first mode to "
-    "(omega h)^2/12 = 3e-5, the second, 2 % of the deflection, to 1e-3; the jump of the force adds "
-    "as much.",
+    reason="The mesh errs by 1e-4. Steps of 5 ms err by (omega h)^2/12: 3e-5 of the first mode "
+    "and 1e-3 of the second, 2 % of the deflection; the jump of the force adds as much.",
 )
 def damping_ratio() -> Evidence:
     arm = {"arm.damping_time": _DAMPING}
@@ -194,9 +192,9 @@ def _period(rotary: float) -> float:
     source="Example of ONSAS: T = 2 pi sqrt(2/g (d^2/(8 l) + 2 l/3)) with l = 3.0443 m, section "
     "0.1 m2, Ca = 1, weight as in air. Large swings: T K(sin^2(angle/2)) 2/pi.",
     method="The slowest mode about the hanging arm, with 6 nodes; a swing of 5 s, steps of 2.5 ms.",
-    reason="crinoid leaves out the rotary inertia, a share 1.3e-3 of the period. Without it small "
-    "swings are exact on any mesh. Steps of h lengthen a swing by the order of (omega h)^2/12, "
-    "1.3e-6.",
+    reason="The rotary inertia, which crinoid leaves out, is a share of 1.3e-3 of the period. "
+    "Without it small swings are exact on any mesh. Steps of h lengthen a swing by about (omega "
+    "h)^2/12 = 1.3e-6.",
 )
 def pendulum_added_mass() -> Evidence:
     published = _period(4 * _AREA / np.pi / (8 * _LENGTH))

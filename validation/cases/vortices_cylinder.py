@@ -235,9 +235,9 @@ def _scipy(model: type[Oscillator], reduced: float) -> float:
     "sqrt(cF^2 - dF^2).",
     method=f"One edge of an arm across a current; mass ratio 2.4, added mass 1, {_STEPS} steps in "
     f"a period of the springs, {_PERIODS} periods. The wake has the damping of its source.",
-    reason="On springs the amplitude of the wake scatters by 0.5 to 1 % from one time to "
-    "another, hence 2 %; synchronisation is regular, 1 %. Fixed and forced cylinders: steps of 1 "
-    "and 2 ms leave (omega h)^2/12, 1e-5, of the phase and of the forcing.",
+    reason="On springs the amplitude of the wake scatters by 0.5 to 1 % in time: 2 %; "
+    "synchronisation is regular: 1 %. For fixed and forced cylinders steps of 1 and 2 ms leave "
+    "(omega h)^2/12 = 1e-5 of the phase and of the forcing.",
 )
 def vortices_cylinder() -> Evidence:
     amplitude, frequency = _on_fixed(WakeOscillator)

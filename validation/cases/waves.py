@@ -92,8 +92,8 @@ class _Tank:
     "Mech. 16: omega = sqrt(g k tanh k h) + k U, solved by SciPy's brentq.",
     method=f"A wave of {_HEIGHT} m and {_PERIOD:g} s; its number from the phase of the velocity "
     "over 1 m; Du/Dt against differences over 0.1 ms along the way of the water.",
-    reason="Closed forms, to round-off: 1e-16 through an arc cosine near 0.1. The differences "
-    "leave 1e-16/1e-4 of round-off and 1e-8 of the third derivative.",
+    reason="Closed forms, to round-off: 1e-16 through an arc cosine near 0.1. Differences leave "
+    "1e-16/1e-4 of round-off and 1e-8 of the third derivative.",
 )
 def waves() -> Evidence:
     still = {f"h = {depth:g} m": _Tank(depth) for depth in _DEPTHS}

@@ -17,9 +17,15 @@ from crinoid.view.figures.style import BLUE, GREY, INK, SERIES, VERMILLION, head
 def draw_optimisation(data: xr.Dataset) -> Figure:
     """Draw the measures of each trial, filled where it keeps the limits, over each number."""
     names, keys = [str(name) for name in data["measure"].values], data["key"].values
-    figure = style.new_figure(0.7 + 2.0 * len(names))
+    across = style.columns(1.0, len(keys))
+    down = -(-len(keys) // across)
+    figure = style.new_figure(0.7 + 2.0 * len(names) * down)
     head_of(figure, data)
-    grid = figure.subplots(len(names), len(keys), squeeze=False, sharex="col", sharey="row")
+    grid = figure.subplots(down * len(names), across, squeeze=False)
+    # the panels of a key are one below the other
+    grid = grid.reshape(down, len(names), across).swapaxes(1, 2).reshape(-1, len(names))
+    for axes in grid[len(keys) :].flat:
+        axes.set_axis_off()
     sign, limit = data["sign"].values[:, None], data["limit"].values[:, None]
     found = data["found"].values
     # the mean of the measure, the worst draw of each limit
@@ -29,7 +35,17 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
     start = data["start"].values
     for row, key_of in enumerate(map(str, keys)):
         tried = data["tried"].values[:, row]
-        for column, axes in enumerate(grid[:, row]):
+        for column, axes in enumerate(grid[row]):
+            if column:
+                axes.sharex(grid[row, 0])
+            axes.tick_params(labelbottom=column == len(names) - 1, labelleft=row % across == 0)
+            some = shown[column][np.isfinite(shown[column]) & (shown[column] > 0)]
+            if some.size and some.max() > 10 * some.min():
+                axes.set_yscale("log")
+            if row % across == 0:
+                unit = plain_unit(str(data["unit"].values[column]))
+                label = label_of(names[column]) + (f" ({unit})" if unit else "")
+                axes.set_ylabel(textwrap.fill(label, 22))
             for number in np.unique(start):
                 colour = SERIES[int(number) % len(SERIES)] if len(np.unique(start)) < 8 else BLUE
                 for some, face in ((start == number, "none"), ((start == number) & kept, colour)):
@@ -39,7 +55,7 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
             axes.axvline(float(data["best"][row]), color=INK, linestyle="--", linewidth=1.0)
             if column:
                 axes.axhline(float(limit[column, 0]), color=VERMILLION, linewidth=1.0)
-        axes.set_xlabel(style.wrap(key_label(key_of), len(keys)))
+        axes.set_xlabel(style.wrap(key_label(key_of), 1 + across))
         axes.xaxis.set_major_formatter("{x:.3g}")
         near, far = np.sort(np.abs(data["range"].values[row]))
         if near > 0 and far > 10 * near:  # of one sign
@@ -47,13 +63,6 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
             below: dict[str, Any] = {"linthresh": near} if negative else {}
             axes.set_xscale("symlog" if negative else "log", **below)
             axes.xaxis.set_minor_formatter(NullFormatter())
-    for column, axes in enumerate(grid[:, 0]):
-        some = shown[column][np.isfinite(shown[column]) & (shown[column] > 0)]
-        if some.size and some.max() > 10 * some.min():
-            axes.set_yscale("log")
-        unit = plain_unit(str(data["unit"].values[column]))
-        label = label_of(names[column]) + (f" ({unit})" if unit else "")
-        axes.set_ylabel(textwrap.fill(label, 22))
     words = "colours: starts; filled: limits are kept; dotted: initial; dashed: best; red: limit"
     figure.supxlabel(style.wrap(words), fontsize=style.small(), color=GREY)
     return figure
