@@ -18,8 +18,7 @@ class ActuatorDrive(NamedTuple):
     """Drive of an actuator over time."""
 
     name: str
-    kind: str
-    """``chamber``, ``tendon`` or ``actuator``."""
+    thread: Chamber | Tendon | None  # None for an actuator that is neither
     unit: str
     """Pa, m3, N or m of chambers and tendons; of other actuators that of their input."""
     state: Float[np.ndarray, " time"]
@@ -39,16 +38,15 @@ def actuator_drives(result: Result) -> list[ActuatorDrive]:
     if "actuator_state" not in data:
         return []
     found = []
-    for name, unit in zip(map(str, data["input"].values), data["input_unit"].values, strict=True):
-        kind, scale, thread = "actuator", 1.0, scenario.threads.get(name)
+    for name, unit in zip(data["input"].values, data["input_unit"].values, strict=True):
+        each = [data[f"actuator_{part}"].sel(input=name).values for part in ("state", "command")]
+        thread = scenario.threads.get(str(name))
         if thread is not None:
-            kind = "chamber" if isinstance(thread, Chamber) else "tendon"
-            unit, scale = _UNITS[thread.largest_key], thread.largest
-        parts = (data[f"actuator_{part}"].sel(input=name).values for part in ("state", "command"))
-        state, command = (scale * part for part in parts)
+            unit = _UNITS[thread.largest_key]
+            each = [thread.largest * part for part in each]
         if isinstance(thread, Tendon) and unit == "N" and not thread.pair:
-            state = state + thread.pretension
-        found.append(ActuatorDrive(name, kind, str(unit), state, command))
+            each[0] += thread.pretension
+        found.append(ActuatorDrive(str(name), thread, str(unit), *each))
     return found
 
 

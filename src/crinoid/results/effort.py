@@ -10,9 +10,10 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import ANGLES, POSE
+from crinoid.results.drives import actuator_drives
 from crinoid.results.errors import judged, rms, short_way
 from crinoid.results.result import Result
-from crinoid.scenario import Chamber, Scenario
+from crinoid.scenario import Scenario
 
 EFFORT_TIME = 0.01
 """Time constant that weighs the speed of inputs against the error of the tip (s)."""
@@ -195,11 +196,8 @@ def largest_pressure(result: Result) -> float | None:
     Shares give it where the pressure is set, and ``line_load`` where the volume is.
     """
     data = result.dataset
-    found = [
-        each.max_pressure * np.abs(data["actuator_state"].sel(input=name).values).max()
-        for name, each in result.scenario.threads.items()
-        if isinstance(each, Chamber) and not each.lined
-    ]
+    drives = [each for each in actuator_drives(result) if each.thread is not None]
+    found = [np.abs(each.state).max() for each in drives if each.unit == "Pa"]
     if "line_load" in data:
         fluid = data["line_unit"].values == "Pa"
         found += [load.max() for load in data["line_load"].values[:, fluid].T]
