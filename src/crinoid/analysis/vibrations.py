@@ -204,8 +204,8 @@ def _dataset(prepared: Prepared, found: dict[str, Vibration]) -> xr.Dataset:
         first = water.modes.frequency
         speed = np.outer(first, prepared.facts.lock_in) * prepared.facts.diameter
         locks = (first > 0) & _bending(water, np.asarray(scenario.arm.diameters))
-        known, lacking = np.where(locks[:, None], speed, np.nan), ((0, most - first.size), (0, 0))
-        speed = np.pad(known, lacking, constant_values=np.nan)
+        speed = np.where(locks[:, None], speed, np.nan)
+        speed = np.pad(speed, ((0, most - first.size), (0, 0)), constant_values=np.nan)
         rows.append(
             ("lock_in_speed", "mode end", "m s-1", speed,
              "speeds of a current across the arm between which vortices lock in to a bending mode"),

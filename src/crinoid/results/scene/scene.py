@@ -176,7 +176,7 @@ def build_scene(result: Result, most: int | None = None, most_nodes: int | None 
     """
     data = result.dataset
     runs = tuple(keyframes(label, each, most, most_nodes) for label, each in result.members)
-    length, aims = arm_length(data.isel(time=[0])), has_target(result)
+    length, aims = arm_length(data), has_target(result)
     return Scene(is_spatial(data), length, data.sizes["node"], runs, aims)
 
 

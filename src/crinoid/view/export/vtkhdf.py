@@ -19,7 +19,6 @@ from crinoid.results.scene.mesh import at_nodes, unit_vectors
 from crinoid.view.export.source import Files, Report, Shapes, Source
 from crinoid.view.export.table import parts_of
 
-_VERSION = (2, 0)
 _CELLS = ("Vertices", "Lines", "Polygons", "Strips")
 
 Numbers = Float[np.ndarray, "..."] | Int[np.ndarray, "..."]
@@ -32,7 +31,7 @@ class PolyData:
     def __init__(self, file: netCDF4.Dataset, time: Numbers, points: int) -> None:
         self._file, self._count, self._points = file, time.size, points
         self._root = file.createGroup("VTKHDF")
-        self._root.setncattr("Version", np.array(_VERSION, "i8"))
+        self._root.setncattr("Version", np.array([2, 0], "i8"))
         self._root.setncattr("Type", "PolyData")
         self._steps = self._root.createGroup("Steps")
         self._steps.setncattr("NSteps", np.int64(time.size))
