@@ -21,8 +21,7 @@ from crinoid.recording import Recording
 from crinoid.results.dataset import FORWARD, describe, described
 from crinoid.scenario import Scenario
 
-_STEADY = 1e-9
-"""A standard deviation of less than this part of the largest speed is round-off."""
+_STEADY = 1e-9  # a standard deviation of less than this part of the largest speed is round-off
 
 
 def current_statistics(
@@ -60,10 +59,8 @@ FLOW = "flow.nc"
 
 PLACES = ("root", "tip")
 
-_MOST = 100_000
-"""Samples that are taken at most."""
-_FEWEST = 64
-"""Samples past the last ramp that make up statistics."""
+_MOST = 100_000  # samples that are taken at most
+_FEWEST = 64  # samples past the last ramp that make up statistics
 _HEIGHTS = 161
 _INSTANTS = 1000
 _RANDOM = {"gauss-markov", "measured", "turbulence"}

@@ -32,14 +32,11 @@ from crinoid.simulation.loop_margin import INDENTED, OpenLoop, around
 from crinoid.simulation.setup import Setup, set_up
 
 _GRID = 1500
-_LOWEST = 1e-5
-"""Lowest frequency looked at, over the highest."""
+_LOWEST = 1e-5  # lowest frequency looked at, over the highest
 _WIDEST = 5e-3
 """Distance from a resonance, over it, from which on the even frequencies are as close."""
-_SETTLED = 2.0
-"""How long a controller has run when it is linearised (s)."""
-_FAR = 1e6
-"""By how much limits are moved away, over themselves and 1."""
+_SETTLED = 2.0  # how long a controller has run when it is linearised (s)
+_FAR = 1e6  # by how much limits are moved away, over themselves and 1
 
 
 class LinearLoop(NamedTuple):

@@ -34,8 +34,7 @@ MODES = "modes.nc"
 COUNT = 6
 """How many modes are looked for, unless said."""
 
-_GROWS = -1e-6
-"""Damping ratio below which a vibration grows, and round-off does not account for it."""
+_GROWS = -1e-6  # damping ratio below which a vibration grows, and round-off does not account for it
 
 
 class Vibration(NamedTuple):

@@ -44,10 +44,8 @@ _READING = (
     *("time", "vertical", "origin", "heading_deg", "select"),
 )
 """Keys of a measured flow that say how its file is read."""
-_TIDES = 6 * 3600.0
-"""Interval (s) from which on samples are too far apart for most tides."""
-_CONSTITUENTS = 6
-"""Constituents that are listed at most."""
+_TIDES = 6 * 3600.0  # interval (s) from which on samples are too far apart for most tides
+_CONSTITUENTS = 6  # constituents that are listed at most
 _HEAD = table_head([SPEED, SHARE])
 
 

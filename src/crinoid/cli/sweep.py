@@ -41,16 +41,12 @@ from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batche
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore
 
-_MOST_TRIED = 1000
-"""Values of a key that are tried before a sweep starts."""
-_MOST_TOLD = 100
-"""Structures whose implausible values are reported."""
+_MOST_TRIED = 1000  # values of a key that are tried before a sweep starts
+_MOST_TOLD = 100  # structures whose implausible values are reported
 _ONE_THREAD = ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that keep XLA and linear algebra of a worker to one thread."""
-_LONGEST = 10.0
-"""Time after which a trial is long enough (s)."""
-_RUN, _BATCH = 400, 18_000
-"""Bytes on the disk of a run, and of a batch without its runs."""
+_LONGEST = 10.0  # time after which a trial is long enough (s)
+_RUN, _BATCH = 400, 18_000  # bytes on the disk of a run, and of a batch without its runs
 
 
 def open_pool(workers: int, scheduler: str | None) -> WorkerPool:

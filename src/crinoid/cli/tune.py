@@ -12,8 +12,7 @@ from crinoid.inverse.tuning import MARGINS, Tuning, tunable_numbers
 from crinoid.results.units import DEGREES, length_text, si_unit
 from crinoid.scenario import ScenarioText
 
-_LITTLE = 0.9
-"""Tip error over that without control above which a tuning deserves a note."""
+_LITTLE = 0.9  # tip error over that without control above which a tuning deserves a note
 
 
 def tune_controller(
@@ -21,11 +20,8 @@ def tune_controller(
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
     tunable_numbers(text.scenario)
-    search, beyond = (
-        partial(Tuning, text.scenario, seeds, iterations, margin),
-        "Continue from tuned.toml",
-    )
-    path = folder / TUNING
+    search = partial(Tuning, text.scenario, seeds, iterations, margin)
+    path, beyond = folder / TUNING, "Continue from tuned.toml"
     return search_and_save(text, path, "a tuning", "tune", beyond, search, _more, force=force)
 
 

@@ -41,15 +41,11 @@ def describe(scenario: Scenario) -> dict[str, Any]:
 
 
 def described(rows: Sequence[tuple[str, str, str, Any, str]]) -> dict[str, tuple[Any, ...]]:
-    """Return variables from rows of name, dimensions, unit, values and meaning.
-
-    Unit and meaning may be empty.
-    """
+    """Return variables from rows of name, dimensions, unit or "", values, and meaning or ""."""
     found = {}
     for name, dims, unit, values, meaning in rows:
-        attributes = {"units": unit, "long_name": meaning}
-        known = {key: text for key, text in attributes.items() if text}
-        found[name] = (dims.split(), values, known)
+        about = {"units": unit, "long_name": meaning}
+        found[name] = dims.split(), values, {key: text for key, text in about.items() if text}
     return found
 
 

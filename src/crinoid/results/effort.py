@@ -17,8 +17,7 @@ from crinoid.scenario import Scenario
 
 EFFORT_TIME = 0.01
 """Time constant that weighs the speed of inputs against the error of the tip (s)."""
-_AT_LIMIT = 1 - 1e-6
-"""Share of the largest thrust that counts as its limit."""
+_AT_LIMIT = 1 - 1e-6  # share of the largest thrust that counts as its limit
 
 
 class InputUse(NamedTuple):

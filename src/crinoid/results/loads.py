@@ -17,10 +17,8 @@ from crinoid.results.errors import p95, rms
 from crinoid.results.result import Result
 from crinoid.results.scene.mesh import at_nodes
 
-_GATE = 0.01
-"""Range of a cycle over the largest one below which it does not count."""
-_STRAIGHT = 1e-6
-"""Range of curvature times the arm's length (rad) that is round-off."""
+_GATE = 0.01  # range of a cycle over the largest one below which it does not count
+_STRAIGHT = 1e-6  # range of curvature times the arm's length (rad) that is round-off
 _EXPONENT = 4.0
 """Slope of the fatigue life of rubber over strain: cracks grow with the square of the tearing
 energy, proportional to the square of the strain (Lake and Lindley 1965)."""

@@ -270,10 +270,8 @@ def measured(result: Result) -> Measures:
 
 
 CASES = "cases.csv"
-_LONGEST = 1 << 24
-"""Characters of a header beyond which nobody reads it."""
-_CASE, _ENDS = "case", ("status", "directory")
-"""The first column of each table, and the last ones."""
+_LONGEST = 1 << 24  # characters of a header beyond which nobody reads it
+_CASE, _ENDS = "case", ("status", "directory")  # the first column of each table, and the last ones
 
 
 def measure_columns(columns: Sequence[str]) -> list[str]:

@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float
 
 from crinoid.results.result import Result
 
-_AT_END = 1e-3
-"""Distance from the end of the travel, over the travel, that counts as its end."""
+_AT_END = 1e-3  # distance from the end of the travel, over the travel, that counts as its end
 _AT_SPEED, _AT_ACCELERATION = 0.99, 0.95
 """Share of a limit that differences between saved instants reach at saturation."""
 _OF_LIMITS = (

@@ -17,8 +17,7 @@ from crinoid.results.result import Result
 SUMMARY_JSON, SUMMARY_CSV = "summary.json", "summary.csv"
 HEAD = ("name", "value", "uncontrolled", "unit", "meaning")
 """Columns of the table."""
-_FREQUENCIES = 4
-"""Natural frequencies of an equilibrium."""
+_FREQUENCIES = 4  # natural frequencies of an equilibrium
 
 
 class SummaryEntry(NamedTuple):

@@ -15,8 +15,7 @@ from crinoid.results.scene.scene import Keyframes, Scene
 
 _HULL = (0.34, 6.0), (0.075, 1.5)
 """Half the length and half the width of the submarine: of the arm's length, and at most (m)."""
-_PLATE = 0.1, 1.5
-"""Radius of the plate that is the base of other arms, likewise."""
+_PLATE = 0.1, 1.5  # radius of the plate that is the base of other arms, likewise
 _ENDLESS = 0.5  # half of the drawn length of an endless pole, of the arm's length
 _DISC = 0.08  # half of the drawn length of a pole across a planar arm, of the arm's length
 _WALL = 2.0  # half of the drawn side of a wall, of the arm's length
@@ -94,10 +93,8 @@ def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> li
     other submarine has a hull, any other base is a plate; neither is of its true size.
     """
     thick, leaves = min(thick, _STOUT * length), mount.level_direction
-    attitude, along = (
-        mount.attitude @ look_rotation(leaves, _UP),
-        look_rotation(mount.direction, _UP),
-    )
+    along = look_rotation(mount.direction, _UP)
+    attitude = mount.attitude @ look_rotation(leaves, _UP)
     if mount.hull is not None:  # the arm leaves its nose
         long, wide = (size / 2 for size in mount.hull)
         shape, nose = BodyShape("capsule", long - wide, wide), mount.anchor
