@@ -141,7 +141,7 @@ def checked_runs(plan: Design, runs: Iterable[int], key: str) -> Iterator[tuple[
 
 
 def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write summary and page of a run that was killed after its end; return them, and notes."""
+    """Write summary and page of a run that was killed at its end; return them, and notes."""
     if all(is_own(folder / name) for name in (SUMMARY_JSON, SUMMARY_CSV, PAGE)):
         return [], []
     try:

@@ -37,7 +37,8 @@ class Skin:
 
 def skin_of(data: xr.Dataset, run: Keyframes) -> Skin:
     """Return the skin of an arm at its chosen nodes."""
-    rest = arc_length(data)[even_indices(data.sizes["node"], run.diameter.size)]
+    chosen = even_indices(data.sizes["node"], run.diameter.size)
+    rest = arc_length(data.isel(time=run.at[:1]))[chosen]
     edges = rest.size - 1
     each = max(1, math.ceil(_RINGS / edges))
     share = np.append(np.tile(np.arange(each) / each, edges), 1.0)
