@@ -104,12 +104,12 @@ def run_sweep(
         if not known:
             clear(folder, {}, force=force)
             store.start(plan)
-        done, pool = store.finished(plan), partial(open_pool, workers, scheduler)
+        done, start = store.finished(plan), partial(open_pool, workers, scheduler)
         with Interruption() as interruption:
             interruption.stop()  # from here on there is something to save
             try:
                 with progress_bar() as bar:
-                    if not _run(plan, store, pool, done, bar, interruption.stop):
+                    if not _run(plan, store, start, done, bar, interruption.stop):
                         return f"{Status.INTERRUPTED}: {_saved(plan, done)}"
                     bar.update(bar.task_ids[0], description="collecting", reached="")
                     data, files = store.collect(plan, shares)
@@ -162,7 +162,7 @@ def notes_of(plan: SweepDesign) -> list[str]:
 def _run(
     plan: SweepDesign,
     store: SweepStore,
-    pool: Callable[[], WorkerPool],
+    start: Callable[[], WorkerPool],
     done: set[int],
     bar: Progress,
     stop: Callable[[], bool],
@@ -172,7 +172,7 @@ def _run(
         return True
     task = bar.task_ids[0]
     bar.update(task, description="starting")
-    opened = pool()
+    pool = start()
 
     def report(saved: int) -> None:
         if bar.tasks[0].total is None:  # the time left is that of the present runs
@@ -181,9 +181,9 @@ def _run(
         bar.update(task, completed=saved, reached=reached)
 
     try:
-        return run_batches(plan, store, opened, done, report, stop, lambda text: say_notes([text]))
+        return run_batches(plan, store, pool, done, report, stop, lambda text: say_notes([text]))
     finally:
-        opened.close()
+        pool.close()
 
 
 def _saved(plan: SweepDesign, done: set[int]) -> str:
