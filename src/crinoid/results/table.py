@@ -209,12 +209,15 @@ class _Table(NamedTuple):
 
     def _add_components(self, load: str, base: str, unit: Unit) -> None:
         """Add the least and the greatest value of each component of a load, with their times."""
-        way = "along" if load == "force" else "about"
+        way, small = "along" if load == "force" else "about", _NOTHING * _ROUND_OFF
         found: list[ComponentRanges] = self.found("base_components:base_components")
         for name in filter(lambda name: name.startswith(load), found[0]):
             for end, word in (("min", "least"), ("max", "greatest")):
                 at = ((getattr(each[name], k) for k in (end, f"{end}_time")) for each in found)
-                cells = [f"{unit.text(value)} at {time:.4g} s" for value, time in at]
+                cells = [
+                    f"{unit.text(value)} at {time:.4g} s" if abs(value) > small else unit.text(0.0)
+                    for value, time in at
+                ]
                 self.rows.append([f"{load} on {base} {way} {name[-1]}, {word}", *cells])
 
     def add_vehicle(self) -> None:
