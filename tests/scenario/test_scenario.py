@@ -276,6 +276,7 @@ def test_a_scenario_says_its_tables_in_a_few_lines():
         "time": "20 s in steps of 0.01 s, seed 0",
         "vary": "6 cases over seed, arm.length",
     }
+    assert "m, EI = 0.03 N m2" in str(Scenario(arm={"section": {"EI": 0.03}}))
     octopus = str(load("octopus-3d"))
     assert "chamber_4 (share), ... 15 more" in octopus
     hostile = Scenario(title="<b>&")._repr_html_()
