@@ -192,6 +192,7 @@ def test_default_scenario_is_valid_and_says_everything():
     assert Scenario.from_dict(document) == scenario == Scenario.from_toml("")
     assert document["arm"]["length"] == 0.5
     assert document["simulation"]["max_halvings"] == 12
+    assert "\nposition = [0.0, -10.0]\n" in scenario.to_toml()
 
 
 def test_a_scenario_cannot_be_changed():
