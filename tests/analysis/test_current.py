@@ -10,7 +10,7 @@ import xarray as xr
 from scipy.integrate import quad
 from scipy.signal import lfilter, welch
 
-from crinoid.analysis.current import sample_current, statistics
+from crinoid.analysis.current import current_statistics, sample_current
 from crinoid.assembly.prepared import Prepared
 from crinoid.numerics.signals_and_systems import integral_time, spectrum, von_karman
 from crinoid.results.result import Result
@@ -42,20 +42,25 @@ def test_the_integral_time_is_that_of_the_correlation():
 def test_statistics_of_a_known_series():
     swing = np.sin(2 * np.pi * np.arange(0, 100, 0.01) / 5.0)
     velocity = np.stack([0.3 + 0.1 * swing, -0.4 + 0 * swing], axis=1)
-    found = statistics(velocity, 0.01)
-    np.testing.assert_allclose(found.mean, [0.3, -0.4], atol=1e-12)
-    np.testing.assert_allclose(found.standard_deviation, [0.1 / np.sqrt(2), 0.0], atol=1e-12)
-    np.testing.assert_allclose(found.intensity, [0.2 / np.sqrt(2), 0.0], atol=1e-12)
-    assert found.greatest_speed == pytest.approx(np.hypot(0.4, 0.4), rel=1e-6)
-    assert found.mean_speed == pytest.approx(np.hypot(velocity[:, 0], 0.4).mean())
-    assert np.isfinite(found.integral_time[0])
-    assert found.integral_length[0] == pytest.approx(0.5 * found.integral_time[0])
-    assert np.isnan(found.integral_time[1])  # what is steady has none
+    found = current_statistics(velocity, 0.01, "xz")
+    expected = {
+        "mean x, z (m/s)": [0.3, -0.4],
+        "deviation x, z (m/s)": [0.1 / np.sqrt(2), 0.0],
+        "intensity x, z (%)": [20 / np.sqrt(2), 0.0],
+    }
+    for name, values in expected.items():
+        unit = 100 if "%" in name else 1
+        np.testing.assert_allclose(found[name] / unit, np.array(values) / unit, atol=1e-12)
+    assert found["largest speed (m/s)"] == pytest.approx(np.hypot(0.4, 0.4), rel=1e-6)
+    assert found["mean speed (m/s)"] == pytest.approx(np.hypot(velocity[:, 0], 0.4).mean())
+    time = found["integral time x, z (s)"]
+    np.testing.assert_array_equal(np.isnan(time), [False, True])  # what is steady has none
+    np.testing.assert_allclose(found["integral length x, z (m)"], 0.5 * time)
     # without a mean there is no intensity
     swing = 1e-3 + np.tile([1.0, -1.0], 50)
-    found = statistics(np.stack([swing, np.zeros(100)], axis=1), 0.1)
-    assert np.isnan(found.intensity).all()
-    assert np.isnan(found.integral_length).all()
+    found = current_statistics(np.stack([swing, np.zeros(100)], axis=1), 0.1, "xz")
+    assert np.isnan(found["intensity x, z (%)"]).all()
+    assert np.isnan(found["integral length x, z (m)"]).all()
 
 
 def test_a_spectrum_is_the_mean_of_the_windows_without_holes():
@@ -246,7 +251,7 @@ def write(folder, kind, extra=""):
 @pytest.mark.parametrize("kind", quick_and_release(KINDS, quick=1))
 def test_every_kind_of_current_is_drawn_and_summed_up(here, kind):
     write(here, kind)
-    assert "mean velocity" in succeeded("flow", "mine.toml")
+    assert "mean x, z (m/s)" in succeeded("flow", "mine.toml")
     folder = here / "results" / "mine-flow"
     assert sorted(path.name for path in folder.iterdir()) == sorted(["flow.nc", *FIGURES])
     for name in FIGURES:

@@ -20,7 +20,7 @@ from crinoid.analysis.state_space import StateSpaceModel
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.linearise import _poles_table
 from crinoid.control import Controller
-from crinoid.dynamics import LocalCoordinates
+from crinoid.dynamics import LocalCoordinates, System
 from crinoid.dynamics.coordinate_names import actuator_names, arm_names
 from crinoid.results.own_files import is_own
 from crinoid.scenario import Scenario
@@ -241,9 +241,11 @@ def test_names_units_and_the_operating_point(model):
 
 def test_the_steady_response_is_the_static_jacobian(model):
     setup = set_up(Prepared(LOOP), notes=False)
-    jacobian = np.asarray(eqx.filter_jit(type(setup.loop.system).static_jacobian)(
-        setup.loop.system, setup.state
-    ))  # fmt: skip
+    system, state = setup.loop.system, setup.state
+    small, influence = (
+        eqx.filter_jit(find)(system, state) for find in (System.linearise, System.influence)
+    )
+    jacobian = np.asarray(influence.static(small[0]))
     gain = model.response(np.zeros(1))[0].real
     tip = [model.outputs.index(f"tip_{name}") for name in ("x", "z", "angle")]
     still = jacobian[:, [0, 2]]

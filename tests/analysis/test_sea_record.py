@@ -57,8 +57,8 @@ def test_statistics_are_of_the_measured_values_alone():
     east = np.where(np.isin(time, holes), 40.0, 0.5 + 0.3 * swing)  # as if filled badly
     found = record_statistics(recorded(time, east, 0.0, 0.0, filled=holes), 0, EARTH)
     measured = np.delete(east, holes)
-    assert found["mean east (m/s)"] == pytest.approx(measured.mean())
-    assert found["deviation east (m/s)"] == pytest.approx(measured.std())
+    assert found["mean east, north, up (m/s)"] == pytest.approx([measured.mean(), 0.0, 0.0])
+    assert found["deviation east, north, up (m/s)"] == pytest.approx([measured.std(), 0.0, 0.0])
     assert found["largest speed (m/s)"] == pytest.approx(0.8)
     assert found["median speed (m/s)"] == pytest.approx(np.median(measured))
     assert (found["gaps"], found["longest gap (s)"]) == (2, 31.0)  # from 499 to 530 s
@@ -278,7 +278,7 @@ def test_a_spreadsheet_of_speeds_and_directions_is_summed_up(here):
     (here / "buoy.csv").write_text("\n".join(["time;speed (kn);direction (deg)", *rows]))
     written = succeeded("flow", "buoy.csv")
     assert "2400 s from 2024-03-01T06:00:00, 5 samples each 600 s" in written
-    assert re.search(rf"mean east \(m/s\) +│ {1.2 * 1852 / 3600:.3f}", written)
+    assert re.search(rf"mean east, north, up \(m/s\) +│ {1.2 * 1852 / 3600:.3f}", written)
     table = written[written.index("[[flow]]") :].partition("\n\n")[0]
     assert 'speed = "speed"' in table
     played = Scenario.from_toml(f"{table}\n[simulation]\nduration = 1.0\n")

@@ -68,6 +68,11 @@ QUICK = {
     "run small.toml again": "again: unexpected word. See crinoid run --help.",
     "run --set arm.length 0.5": "--set: got .* must be KEY=VALUE. Write --set arm.length=0.5.",
     "run small.toml --set": "--set: requires an argument. ",
+    "run small.toml --resume empty": "empty: unexpected word. Write --out empty.",
+    "run --resume full": "full: is the folder of a result; must be a scenario. Name ",
+    "run --keep max_curvature>3": "--keep: no such option. It is an option of crinoid optimise.",
+    "report . --set seed=3": "--set: no such option. It is an option of crinoid run.",
+    "report . --out small.toml": "--out: small.toml is a file; must be a folder",
     "run --force=3": "--force: does not take a value. ",
     "run --case 3": "--case: requires 2 arguments. ",
     "run unit.toml": "unit.toml: not valid TOML: .* length = 40 cm. Write the number only, in the ",
@@ -125,6 +130,8 @@ def test_mistakes_are_answered_before_jax_is_loaded(here):
     (here / "unit.toml").write_text("[arm]\nlength = 40 cm\n")
     (here / "log.csv").write_text("")
     (here / "empty").mkdir()
+    (here / "full").mkdir()
+    (here / "full" / "result.nc").write_text("")
     path = os.pathsep.join([str(Path(__file__).parents[1]), *sys.path])
     ended = subprocess.run(
         [sys.executable, "-c", ALONE],

@@ -35,15 +35,12 @@ ODD = [
     ("tool", "arm.section.mass_per_length=1360", "arm.section.mass_per_length: got 1360.0 (dens"),
     ("tool", "arm.section.displaced_area=12.6", "arm.section.displaced_area: got 12.6 (density"),
     ("tool", "arm.section.diameter=40", "arm.section.diameter: got 40.0 m (diameter / 2 arm.rad"),
-    ("still-water", "arm.rest_curvature=90", "arm.rest_curvature: got 90.0 1/m (turn from edge"),
     ("still-water", "arm.damping_time=50", "arm.damping_time: got 50.0 s (damping_time / first"),
     ("station-keeping", "water.density=1.025", "water.density: got 1.025 kg/m3 (density outside"),
     ("station-keeping", "water.density=1.025e6", "water.density: got 1025000.0 kg/m3"),
     ("station-keeping", "water.kinematic_viscosity=1.2", "water.kinematic_viscosity: got 1.2 m2"),
     ("constant-load", "water.gravity=981", "water.gravity: got 981.0 m/s2"),
     ("constant-load", "water.gravity=1", "water.gravity: got 1.0 m/s2"),
-    ("wave-zone", "water.depth=2e4", "water.depth: got 20000.0 m"),
-    ("swing-up", "base.position=[0, -1e4]", "base.position: got [0.0, -10000.0] m (depth of the"),
     ("curl", "base.position=[0, 10]", "base.position.1: got 10 m, above the water"),
     ("swing-up", "base.position=[0, -0.2]", "base.position.1: got -0.2 m; the arm leaves the wat"),
     ("wave-zone", "base.position=[0, -9.9]", "base.position.1: got -9.9 m; the arm reaches z = -"),
@@ -56,24 +53,10 @@ ODD = [
     ("tool", "base.channels.slide.max_acceleration=3e-3", "base.channels.slide.max_acceleration"),
     ("tool", "base.channels.tilt.max_speed_deg=3.14", "base.channels.tilt.max_speed_deg: got 3.1"),
     ("tool", "base.channels.tilt.max_acceleration_deg=12.6", "base.channels.tilt.max_accelerati"),
-    ("tool", "base.channels.tilt.bandwidth_hz=1e4", "base.channels.tilt.bandwidth_hz: got 10000"),
     ("tool", "base.tilt_deg=-0.785", "base.tilt_deg: got -0.785 degrees; 0.785 rad are 45 degre"),
     ("tool", "base.channels.tilt.range_deg=[-1.047, 1.047]", "base.channels.tilt.range_deg: got "),
     ("swing-up", "target.angle_deg=1.571", "target.angle_deg: got 1.571 degrees"),
     ("wave-zone", "flow.1.direction_deg=3.14", "flow.1.direction_deg: got 3.14 degrees"),
-    ("curl",
-        "base.motion=[{kind='sine', channel='heave', amplitude=0.3, frequency_hz=5.0}]",
-        "base.motion.0.amplitude: "),
-    ("curl",
-        "base.motion=[{kind='sine', channel='heave', amplitude=300, frequency_hz=0.1}]",
-        "base.motion.0.amplitude: "),
-    ("curl",
-        "base.motion=[{kind='velocity', channel='tilt', velocity_deg=6e3}]",
-        "base.motion.0.velocity_deg: got 6000.0 (speed of the tip of a stiff arm = 52.4 m/s)"),
-    ("curl",
-        "base.motion=[{kind='table', channel='slide', time=[0, 0.01, 40], value=[0, 0.1, 0.1]}]",
-        "base.motion.0.value: got [0.0, 0.1, 0.1] (speed of the base"),
-    ("ship-motion", "base.motion.0.offset=[4e3, -6.0]", "base.motion.0.file: got "),
     ("station-keeping", "flow.1.length_scale=1e3", "flow.1.length_scale: got 1000.0 m"),
     ("station-keeping", "flow.1.length_scale=0.05", "flow.1.length_scale: got 0.05 m"),
     ("curl", "flow=[{kind='uniform', velocity=[30, 0.0]}]", "flow.0: got a flow of up to 30 m/s;"),
@@ -104,9 +87,6 @@ ODD = [
     ("push-recover", "sensors.0.delay=90", "sensors.0.delay: got 90.0 s (time left in the run"),
     ("tool", "sensor.delay=10", "sensor.delay: got 10.0 s (delay / first period"),
     ("tool", "sensor.noise_position=1", "sensor.noise_position: got 1.0 m"),
-    ("floating", "flow.0.ramp_time=2e3", "flow.0.ramp_time: got 2000.0 s (time left at half"),
-    ("gust-front", "flow.1.duration=2e3", "flow.1.duration: got 2000.0 s (time left at half"),
-    ("trace-circle", "target.ramp_time=2e3", "target.ramp_time: got 2000.0 s"),
     ("swing-up", "load.0.force=[200, 0]", "load.0.force: got [200.0, 0.0] N (force times L^2 / EI"),
     ("constant-load", "load.0.magnitude=500", "load.0.magnitude: got 500.0 N/m (magnitude times "),
     ("still-water", "load.0.moment=9", "load.0.moment: got 9.0 N m (moment times L / EI"),
@@ -116,8 +96,6 @@ ODD = [
         "load=[{kind='distributed', direction=[-1, 1], magnitude=6}]",
         "load.0.magnitude: got 6.0 N/m, which pushes"),
     ("tool", "tool.mass=200", "tool.mass: got 200.0 kg (weight in water"),
-    ("tool", "tool.volume=0.05", "tool.volume: got 0.05 m3 (density = 4 kg/m3)"),
-    ("tool", "tool.volume=5e-9", "tool.volume: got 5e-09 m3"),
     ("tool", "tool.offset=30", "tool.offset: got 30.0 m (size / arm.length = 60)"),
     ("reach-under-load", "tool.radius=20", "tool.radius: got 20.0 m"),
     ("floating", "vehicle.mass=0.02", "vehicle.mass: got 0.02 kg"),
@@ -125,16 +103,8 @@ ODD = [
     ("floating", "vehicle.volume=1e-3", "vehicle.volume: got 0.001 m3"),
     ("floating", "vehicle.inertia=9e3", "vehicle.inertia: got 9000.0 kg m2"),
     ("floating", "vehicle.inertia=9e-4", "vehicle.inertia: got 0.0009 kg m2"),
-    ("coral-touch", "obstacle.0.radius=100", "obstacle.0.radius: got 100.0 m"),
-    ("coral-touch", "obstacle.0.radius=1e-4", "obstacle.0.radius: got 0.0001 m"),
     ("debris-strike", "obstacle.1.mass=275", "obstacle.1.mass: got 275.0 kg (density"),
     ("debris-strike", "obstacle.1.mass=2.7e-4", "obstacle.1.mass: got 0.00027 kg"),
-    ("coral-touch", "obstacle.0.velocity=[30, 0]", "obstacle.0.velocity: got [30.0, 0.0] m/s"),
-    ("coral-touch", "obstacle.0.position=[50, -10]", "obstacle.0.position: got [50.0, -10.0], at"),
-    ("debris-strike", "obstacle.2.position=[-3.8e3, -10]", "obstacle.2.position: got [-3800.0"),
-    ("still-water",
-        "obstacle=[{kind='plane', position=[0, -30], normal=[0, 1]}]",
-        "obstacle.0.position: got [0.0, -30.0], at least 20 m"),
     ("curl", "chamber.0.max_pressure=5e7", "chamber.0.max_pressure: curls the free arm into "),
     ("curl", "chamber.0.max_pressure=50", "chamber.0.max_pressure: curls the free arm into 0.0"),
     ("reach-pressure", "chamber.0.area=1.0", "chamber.0.max_pressure: curls"),
@@ -158,7 +128,6 @@ ODD = [
     ("reach-under-load", "arm.length=0.6", "control.neural.weights: the policy has not met arm."),
     ("reach-under-load", "sensor.noise_position=1e-3", "control.neural.weights: the policy has"),
     ("still-water", "simulation.time_step=0.5", "simulation.time_step: got 0.5 s, 0.4 time steps"),
-    ("swing-up", "simulation.time_step=1e-5", "simulation.time_step: got 1e-05 s (time steps in"),
     ("tool", "base.channels.tilt.bandwidth_hz=40", "simulation.time_step: got 0.01 s, 2.5 time"),
     ("still-water",
         "base.motion=[{kind='sine', channel='heave', amplitude=1e-3, frequency_hz=30}]",
@@ -173,11 +142,6 @@ ODD = [
         "flow=[{kind='regular-wave', height=0.01, period=0.3}]; simulation.time_step=0.02",
         "simulation.time_step: got 0.02 s, 15 time steps in the waves of flow.0, 0.3 s"),
     ("station-keeping", "flow.1.mean=[1.5, 0]; flow.1.length_scale=0.09", "simulation.time_step"),
-    ("floating", "flow.0.ramp_time=0.03", "simulation.time_step: got 0.01 s, 3 time steps in the"),
-    ("still-water",
-        "obstacle=[{kind='sphere', position=[4, -10.2], radius=0.01, velocity=[-4, 0]}]",
-        "simulation.time_step: got 0.01 s, 1.5 time steps in the passing of obstacle.0"),
-    ("still-water", "output.interval=2", "output.interval: got 2.0 s (interval / first period"),
 ]
 PLAUSIBLE = [
     ("station-keeping", "arm.length=0.6"),
@@ -189,8 +153,6 @@ PLAUSIBLE = [
     ("station-keeping", "flow.1.mean=[1.0, 0.0]"),
     ("station-keeping", "base.position=[0.0, -5e3]"),
     ("curl", "base.motion=[{kind='sine', channel='heave', amplitude=0.3, frequency_hz=0.2}]"),
-    ("still-water",
-        "obstacle=[{kind='sphere', position=[4.0, -10.2], radius=0.1, velocity=[-0.3, 0.0]}]"),
     ("still-water", "load=[{kind='tip', force=[-0.6, 0]}]"),
     ("still-water", "load=[{kind='tip', force=[3, 0]}]"),
     ("still-water",
@@ -316,32 +278,13 @@ def test_a_command_gets_warnings_about_what_it_uses_only():
     assert tables["flow"] == {"water"}
 
 
-ROUND = {"path": "circle", "centre": [0.2, 0.0, -9.7], "radius": 0.25, "period": 5.0}
-
-
-@pytest.mark.parametrize(
-    ("normal", "far"), [([0, -1, 0], True), ([1e-200, 0, 0], True), ([0.2, 0.0, 0.3], False)]
-)
-def test_a_circle_in_space_reaches_as_far_as_its_plane_lets_it(normal, far):
-    # the base is at [0, 0, -10]; from it the centre is at [0.2, 0, 0.3], 0.36 m away
-    turn = np.linspace(0.0, 2 * math.pi, 1001)
-    first, second = np.linalg.svd(np.array([normal]) / max(map(abs, normal)))[2][1:]
-    circle = np.outer(np.cos(turn), first) + np.outer(np.sin(turn), second)
-    points = np.array([0.2, 0.0, 0.3]) + 0.25 * circle
-    farthest = np.linalg.norm(points, axis=1).max()
-    arm = {"dimension": 3, "length": 0.5}
-    found = warnings_about(arm=arm, target={**ROUND, "normal": normal})
-    assert [note.split(":")[0] for note in found] == ["target.radius"] * far
-    assert not far or f"a target {farthest:.4g} m from the base" in found[0]
-
-
 def test_rules_judge_series_from_files_as_they_judge_lists(tmp_path):
     (tmp_path / "path.csv").write_text("time,x,z\n-9,900,0\n0,0.3,-10\n10,0.3,-9.8\n99,800,0\n")
     path = {"path": "file", "file": str(tmp_path / "path.csv")}
     assert warnings_about(target=path, simulation={"duration": 10.0}) == []
     (note,) = warnings_about(target=path, simulation={"duration": 50.0})
     assert note.startswith("target.file: got ")
-    assert "a target 800.1 m from the base" in note
+    assert "a target 800.1 m or more from the base" in note
 
 
 SCALED = {

@@ -90,6 +90,12 @@ def test_inputs_name_the_channels_and_then_the_actuators(system):
     np.testing.assert_allclose([system.inputs[-1].lower, system.inputs[-1].upper], [-1.0, 1.0])
 
 
+def test_a_command_of_another_length_is_refused(system):
+    state, more = system.rest(), len(system.inputs) + 1
+    with pytest.raises(ValueError, match=rf"^command: got the shape \({more},\); must be "):
+        system.step(state, jnp.zeros(more))
+
+
 def test_the_drive_follows_its_command_and_bends_the_arm(system, runs):
     for state, _, converged in runs:
         assert converged

@@ -145,7 +145,8 @@ def start_and_end(axes, parameters, commands):
     tips = jnp.concatenate([system.tip(state), system.tip(end)])
     # not differentiated any further
     system, state = jax.lax.stop_gradient((system, state))
-    return tips, (system.static_jacobian(state), found.converged & jnp.all(converged))
+    jacobian = system.influence(state).static(system.linearise(state)[0])
+    return tips, (jacobian, found.converged & jnp.all(converged))
 
 
 @partial(jax.jit, static_argnums=0, compiler_options=QUICKLY)

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from crinoid.base import SineMotion, TableMotion
-from crinoid.dynamics import EnergyAccount, find_modes
+from crinoid.dynamics import EnergyAccount, System, find_modes
 from crinoid.elements import DistributedLoad, TipLoad, Tool
 from crinoid.flow import PowerShear, Sine, Uniform
 from crinoid.foundation.axes import CHANNELS
@@ -289,6 +289,12 @@ def march_with_books(system, command, step, steps):
 def linearise(system):
     """Return stiffness and mass of an arm at rest."""
     return system.linearise(system.rest())
+
+
+def natural_frequencies(system, state, count=8):
+    """Return the natural frequencies of an arm without lines about a state (Hz)."""
+    matrices = eqx.filter_jit(System.linearise)(system, state)
+    return find_modes(*matrices, count).frequency
 
 
 def vibrations(system, column):

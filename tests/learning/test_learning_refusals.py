@@ -79,7 +79,6 @@ COMMANDS = {
     "train arm.toml --draw arm.density=-1:1000": "arm.density: got -1",
     "train arm.toml --seed 9999999": "--seed: got 9999999; must be from 0 to 1000000",
     "train arm.toml --resume": "--resume: .*training.npz does not exist",
-    "train arm.toml --method ppo": '--method: got "ppo"; must be "gradient". For PPO, use Stable',
     "train arm.toml --teacher hybrid": '--teacher: got "hybrid"',
     "train arm.toml --arms 0": "--arms: got 0",
     "train arm.toml --updates -1": "--updates: got -1",

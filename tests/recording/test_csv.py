@@ -191,19 +191,6 @@ def test_rows_that_are_absent_are_said(csv, kind):
     assert Prepared(case).notes() == []
 
 
-@pytest.mark.parametrize("kind", ["file", "vessel"])
-def test_a_shift_that_counts_from_afar_is_said(csv, kind):
-    path = str(csv("time (s),depth (m)\n0,10.2\n10,10.4\n20,10.3\n"))
-    motion = {"kind": "file", "channel": "heave", "value_column": "depth"}
-    if kind == "vessel":
-        columns = {"surge": "0", "pitch": "0", "heave": "-depth"}
-        motion = {"kind": "vessel", "columns": columns}
-    base = {"motion": [{"file": path} | motion]}
-    (note,) = Prepared(Scenario(base=base, simulation={"duration": 20.0})).notes()
-    said = {"file": "depth is 10.2 m", "vessel": "heave is -10.2 m"}[kind]
-    assert f"{said} when the run starts, and the base moves by it" in note
-
-
 def test_a_heading_that_wraps_goes_on_by_the_shorter_way(csv):
     path = csv("time (s),tilt (deg)\n0,350\n5,\n8,355\n10,5\n15,356\n20,181\n")
     case = Prepared(moved(path, "tilt"))

@@ -194,8 +194,6 @@ STYLES = {name: Played(write, Z, gaps=((1, 2),)) for name, write in MARKED.items
     "direction from": Played(
         polar("from", standard_name="sea_water_velocity_from_direction"), current=turning),
     "direction from by key": Played(polar("from"), place={"direction_is": "from"}, current=turning),
-    "a direction from magnetic north": Played(
-        polar(long_name="direction (magnetic)"), current=turning, remark="magnetic north"),
     "a direction that is a mark": Refused(
         polar(directions=[60, 60, 999, 60]), "999 degrees.*360", BY_SPEED),
     "times in single precision": Refused(

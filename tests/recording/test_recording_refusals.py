@@ -181,23 +181,14 @@ def test_a_current_that_does_not_fit_is_refused_in_one_line(tmp_path, file, keys
     assert re.match(rf"flow\.0\.{line}", said), said
 
 
-@pytest.mark.parametrize(
-    ("name", "way"),
-    [
-        ("a.xlsx", 'pandas.read_excel(file).to_csv("a.csv", index=False)'),
-        ("a.npy", "numpy.load"),
-        ("a.mat", "loadmat"),
-        ("a.tif", 'xarray.open_dataset(file, engine="rasterio").to_netcdf("a.nc")'),
-        ("a.xyz", "pandas.read_csv(file, names="),
-        ("a.zarr", "xarray.open_zarr(file)"),
-    ],
-)
-def test_another_format_is_refused_with_those_that_are_read(tmp_path, name, way):
+@pytest.mark.parametrize("name", ["a.xlsx", "a.xyz", "a.zarr"])
+def test_another_format_is_refused_with_those_that_are_read(tmp_path, name):
     path = tmp_path / name
     path.mkdir() if name == "a.zarr" else path.write_bytes(b"1 2 3\n")
     said = refusal(measured(path))
-    assert "must be a CSV or netCDF file (.csv, .tsv, .txt, .dat, .out, .nc), or a log of" in said
-    assert way in said
+    assert said.endswith(
+        "must be a CSV or netCDF file (.csv, .tsv, .txt, .dat, .out, .nc), or a log of ROS"
+    )
 
 
 @pytest.mark.parametrize("name", ["pipe.csv", "pipe.nc", "/dev/zero"])

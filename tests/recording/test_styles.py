@@ -278,7 +278,7 @@ STYLES = {
     "Copernicus Marine by depth": Played(copernicus("depth"), CMEMS_Z, step=3600.0),
     "Copernicus Marine by elevation": Played(copernicus("elevation"), CMEMS_Z, step=3600.0),
     "Copernicus in situ": Played(copernicus_in_situ, Z, gaps=((2, 1), (1, 0))),
-    "HYCOM": Played(hycom, Z, place={"select": {"lat": 38.97, "lon": -75.05}}, step=10800.0),
+    "HYCOM": Played(hycom, Z, place={"select": {"lat": 38.97, "lon": 284.95}}, step=10800.0),
     "ROMS": Played(
         roms, tuple(S_LEVELS[1:-1]), place={"select": {"eta_rho": 1, "xi_rho": 0}}, step=3600.0,
         **MOVING),

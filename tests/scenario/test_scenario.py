@@ -209,6 +209,10 @@ def path(tmp_path):
     return path
 
 
+def test_overrides_in_one_text_are_refused(path):
+    assert mistake(load, path, "seed=3").startswith('overrides: got "seed=3"; must be a list of ')
+
+
 def test_overrides(path):
     scenario = load(
         path,

@@ -17,7 +17,7 @@ import crinoid
 from crinoid.results.result import ResultError
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import sink
-from crinoid.simulation.external import ExternalSignals
+from crinoid.simulation.external import ExternalSignals, checked_command
 
 SCENARIO = Scenario.from_toml(
     """
@@ -213,6 +213,11 @@ def test_a_wrong_value_is_refused_and_changes_nothing(session, given, text):
         session.step(**({"command": [0, 0]} | given))
     assert session.time == 0
     assert np.array_equal(session.seen.command, np.zeros(2))
+
+
+def test_a_command_for_no_input_is_refused():
+    with pytest.raises(ValueError, match='command: got "tilt"; must be left out'):
+        checked_command({"tilt": 1.0}, (), ())
 
 
 PINNED = SCENARIO.with_values(

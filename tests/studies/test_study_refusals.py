@@ -96,6 +96,7 @@ def test_a_mistake_in_python_is_one_line(call, line):
     ("vary", "text", "line"),
     [
         ("arm.length=0.5,1.0 water.density=1000,1025", "", "needs one key"),
+        ("flow.0.velocity.0=0.1,0.2", "", "must have numbers in columns"),
         ("flow.0.velocity.0=0.1,0.2", "0.1,few\n", "must have numbers in columns"),
         ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.2,0.4\n", "add up to 0.8"),
         ("flow.0.velocity.0=0.1,0.2", "0.1,1.2\n0.2,-0.2\n", "shares of time of -0.2 or more"),

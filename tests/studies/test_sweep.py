@@ -117,7 +117,7 @@ def clean(arm, tmp_path_factory) -> Path:
 
 
 def study(out: Path) -> xr.Dataset:
-    return xr.open_zarr(out / "study.zarr", consolidated=False).load()
+    return xr.load_dataset(out / "study.nc")
 
 
 def assert_same(one: Path, other: Path) -> None:
@@ -179,15 +179,6 @@ def test_other_workers_and_batches_give_the_same_study(arm, clean, tmp_path):
     data, other = study(clean), study(tmp_path / "other")
     data.attrs.pop("plan"), other.attrs.pop("plan")
     xr.testing.assert_identical(data, other)
-
-
-def test_without_zarr_the_study_is_a_netcdf_file(arm, clean, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "zarr", None)
-    assert "note: Zarr is not installed" in swept(arm, tmp_path / "plain")
-    monkeypatch.undo()
-    with xr.open_dataset(tmp_path / "plain" / "study.nc") as data:
-        for name, values in study(clean).variables.items():
-            np.testing.assert_array_equal(data[name].values, values.values)
 
 
 @pytest.mark.slow
@@ -311,16 +302,20 @@ def test_a_killed_sweep_is_resumed(arm, clean, tmp_path):
 
 @pytest.mark.release
 def test_workers_of_dask_that_die_are_replaced(clean, tmp_path):
+    distributed = pytest.importorskip("distributed")
     plan, store = read_plan(clean), SweepStore(tmp_path)
     store.start(plan)
-    crew, killed = Cluster(1), []
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    )
+    crew, killed = Cluster(cluster.scheduler_address), []
     submit = crew.submit
 
     def strike(worker, work):
         future = submit(worker, work)
         if not killed:
             killed.append(worker)
-            nanny = next(iter(crew._own.workers.values()))
+            nanny = next(iter(cluster.workers.values()))
             os.kill(nanny.pid, signal.SIGKILL)
         return future
 
@@ -329,6 +324,7 @@ def test_workers_of_dask_that_die_are_replaced(clean, tmp_path):
         assert run_batches(plan, store, crew, set(), lambda saved: None, lambda: False)
     finally:
         crew.close()
+        cluster.close()
     store.collect(plan)
     assert_same(clean, tmp_path)
 
@@ -361,7 +357,7 @@ def test_a_sweep_that_ends_early_says_so_and_is_resumed(arm, clean, tmp_path, er
     line = one_line(sweep(arm, tmp_path, crew=Spoilt()), 3 if error else 130)
     assert words in line
     assert "1 of 3 batches is saved, --resume goes on from there" in line
-    assert not (tmp_path / "study.zarr").exists()
+    assert not (tmp_path / "study.nc").exists()
     swept(arm, tmp_path, "--resume")
     assert_same(clean, tmp_path)
 

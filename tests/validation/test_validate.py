@@ -129,11 +129,3 @@ def test_an_interrupted_validation_keeps_the_cases_that_are_done(cases, tmp_path
     said = refused("slow", "--out", "y", code=130)
     assert said == "crinoid: interrupted"
     assert not (tmp_path / "y").exists()
-
-
-@pytest.mark.parametrize(("old", "new"), [("validate", "validation"), ("bench", "benchmarks")])
-def test_former_commands_name_the_programs_of_the_repository(old, new):
-    said = command.refused(old, "step", "--peers", "--help")
-    assert (
-        said == f"crinoid: {old}: not in the package. In a clone of crinoid, run: python -m {new}"
-    )

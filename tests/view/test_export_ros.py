@@ -1,6 +1,4 @@
-"""Logs of ROS 2, as the reader of MCAP decodes them, and layouts of Foxglove."""
-
-import json
+"""Logs of ROS 2, as the reader of MCAP decodes them."""
 
 import numpy as np
 import pytest
@@ -59,7 +57,7 @@ def turn(message):
 def test_messages_have_the_numbers_of_the_result(run, tmp_path):
     path, data = run
     written = write_export(path, tmp_path, "mcap")
-    assert [file.name for file in written.files] == ["result.mcap", "result.foxglove.json"]
+    assert [file.name for file in written.files] == ["result.mcap"]
     assert written.notes == []
     topics = decoded(written.files[0])
     poses = [message for _, message in topics["/tip/pose"]]
@@ -143,12 +141,10 @@ def test_still_channels_and_what_a_result_lacks_are_left_out(tmp_path):
     assert whole["/commands"][0][1].name == ["slide", "tilt"]
     idle = data.drop_vars(["flow_velocity", "base_force", "tip_angle", "tip_angle_target"])
     idle = idle.assign_attrs(scenario='[control]\nkind = "none"\n')
-    log, layout = write_export(save(idle, tmp_path / "result.nc"), tmp_path, "mcap").files
-    topics = decoded(log)
+    topics = decoded(write_export(save(idle, tmp_path / "result.nc"), tmp_path, "mcap").files[0])
     missing = {"/commands", "/tip/current", "/base/current", "/base/wrench"}
     missing |= {"/tip/pose", "/tip/target"}
     assert set(topics) == set(whole) - missing
-    assert not any(topic in layout.read_text() for topic in missing)
     assert "tip" not in {each.child_frame_id for each in topics["/tf"][0][1].transforms}
 
 
@@ -181,33 +177,12 @@ def test_markers_are_where_the_arm_and_the_bodies_are(tmp_path):
         assert len({(each.ns, each.id) for each in message.markers}) == len(message.markers)
 
 
-def test_the_layout_shows_topics_of_the_log(run, tmp_path):
-    path, _ = run
-    log, layout = write_export(path, tmp_path, "mcap").files
-    topics, content = decoded(log), json.loads(layout.read_text())
-    panels = content["configById"]
-    shown = [panel for panel in panels.values() if "paths" in panel]
-    paths = [line["value"] for panel in shown for line in panel["paths"]]
-    named = {path.partition(".")[0] for path in paths} | set(panels["3D!arm"]["topics"])
-    assert named <= set(topics)
-    for path in paths:
-        topic, _, fields = path.partition(".")
-        value = topics[topic][0][1]
-        for field in fields.split("."):
-            name, _, place = field.partition("[")
-            value = getattr(value, name)
-            value = value[int(place[:-1])] if place else value
-        assert isinstance(value, float)
-    in_layout = json.dumps(content["layout"])
-    assert all(name in in_layout for name in panels)
-
-
 def test_the_command_replaces_its_own_files_only(tmp_path):
     path = save(swaying_arm(**SMALL), tmp_path / "result.nc")
     succeeded("export", path, "--to", "mcap", "--instants", 3)
-    files = [tmp_path / name for name in ("result.mcap", "result.foxglove.json")]
-    assert all(is_own(file) for file in files)
-    assert len(decoded(files[0])["/tip/pose"]) == 3
+    log = tmp_path / "result.mcap"
+    assert is_own(log)
+    assert len(decoded(log)["/tip/pose"]) == 3
     succeeded("export", path, "--to", "mcap")
-    files[0].write_bytes(b"\x89MCAP0\r\n of others")
+    log.write_bytes(b"\x89MCAP0\r\n of others")
     assert "result.mcap" in refused("export", path, "--to", "mcap")

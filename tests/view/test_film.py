@@ -3,12 +3,13 @@
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
 
 import av
-import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
@@ -19,8 +20,7 @@ from crinoid.results.result import Result
 from crinoid.results.scene.data import in_space
 from crinoid.results.scene.scene import build_scene
 from crinoid.view.figures.painter import instant
-from crinoid.view.figures.style import STYLE
-from crinoid.view.film import workers
+from crinoid.view.film import workers, write
 from crinoid.view.film.camera import film_settings
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
@@ -61,10 +61,8 @@ def pictures(data, other=None, size=(320, 240), **options) -> tuple[Picture, np.
     """Return what draws a run, and the times of the frames."""
     shot, time = CameraSettings(**options), data["time"].values
     reel = film_settings(CameraSettings(size=size), float(time[0]), float(time[-1]), ".gif")
-    with mpl.rc_context(STYLE):
-        return Picture(
-            build_scene(of_runs(data, other), 400, 81), shot, reel, "title", ""
-        ), reel.times
+    scene = build_scene(of_runs(data, other), 400, 81)
+    return Picture(scene, shot, reel, "title", ""), reel.times
 
 
 def place(picture: Picture, point) -> tuple[int, int]:
@@ -302,23 +300,40 @@ def test_a_run_without_a_target_has_no_cross():
 
 
 @pytest.mark.slow
+def test_a_process_that_dies_has_one_line_and_leaves_no_film(planar, tmp_path, monkeypatch):
+    monkeypatch.setattr(workers, "_LEAST", 5)
+    monkeypatch.setattr(workers, "cores", lambda: 2)
+
+    def dying(*arguments) -> Iterator[np.ndarray]:
+        for picture in workers.drawn(*arguments):
+            yield picture
+            for process in active_children():
+                process.kill()
+
+    monkeypatch.setattr(write, "drawn", dying)
+    line = fails(planar, "--to", tmp_path / "film.gif", "--speed", 2, *TINY)
+    assert line == "crinoid: a process that draws frames ended. Is there enough memory?"
+    assert not list(tmp_path.iterdir())
+    assert not active_children()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "cores"), [("film.mp4", 1), ("film.gif", 1), ("film.mp4", 2)])
 def test_an_interrupted_film_leaves_nothing_and_an_earlier_one_stays(
     planar, tmp_path, monkeypatch, name, cores
 ):
     path = tmp_path / name
-    drawn, started, start = [], [], workers._start
-    place, method = (Picture, "at") if cores == 1 else (workers, "_receive")
-    original = getattr(place, method)
+    drawn, processes = [], []
 
-    def interrupted(*arguments) -> np.ndarray:
-        drawn.append(arguments)
-        if len(drawn) == 12:
-            signal.raise_signal(signal.SIGINT)
-        return original(*arguments)
+    def interrupted(*arguments) -> Iterator[np.ndarray]:
+        for picture in workers.drawn(*arguments):
+            drawn.append(picture)
+            processes.append(len(active_children()))
+            if len(drawn) == 12:
+                signal.raise_signal(signal.SIGINT)
+            yield picture
 
-    monkeypatch.setattr(place, method, interrupted)
-    monkeypatch.setattr(workers, "_start", lambda: started.append(start()) or started[-1])
+    monkeypatch.setattr(write, "drawn", interrupted)
     monkeypatch.setattr(workers, "cores", lambda: cores)
     for earlier in (False, True):
         if earlier:
@@ -327,8 +342,8 @@ def test_an_interrupted_film_leaves_nothing_and_an_earlier_one_stays(
         line = fails(planar, "--to", path, *TINY, code=130)
         assert line == "crinoid: interrupted: no film is written"
         assert len(drawn) == 12
-        assert [each.poll() is None for each in started] == [False] * len(started)
-        assert bool(started) == (cores > 1)
+        assert set(processes) == {cores if cores > 1 else 0}
+        assert not active_children()
         assert [each.name for each in tmp_path.iterdir()] == [name] * earlier
     assert path.read_bytes() == b"made by crinoid 0.0.1"
 

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("websockets", reason="needs websockets")
 
 from crinoid.scenario import ScenarioError
-from crinoid.view.live.page import Page, PortError
+from crinoid.view.live.page import Page
 from crinoid.view.live.session import LiveSession
 from helpers.browsing import Opened
 from helpers.live import LIVE
@@ -74,7 +74,7 @@ def test_a_port_that_is_taken_is_refused(session):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(PortError, match=f"got {port}, which is unavailable"):
+        with pytest.raises(ScenarioError, match=f"--port: got {port}, which is unavailable"):
             Page(session, port, str)
 
 

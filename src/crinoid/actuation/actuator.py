@@ -102,7 +102,9 @@ def followed(
     actuators: Sequence[Actuator], states: Sequence[Any], command: Command, step: Float[Array, ""]
 ) -> list[Any]:
     """Return the states of actuators after each has followed its part of a command."""
-    ends = accumulate((len(actuator.inputs) for actuator in actuators), initial=0)
+    ends = [*accumulate((len(actuator.inputs) for actuator in actuators), initial=0)]
+    if jnp.shape(command) != (ends[-1],):
+        raise ValueError(f"command: got the shape {jnp.shape(command)}; must be ({ends[-1]},)")
     parts = [command[first:last] for first, last in pairwise(ends)]
     every = zip(actuators, states, parts, strict=True)
     return [one.advance(state, part, step) for one, state, part in every]

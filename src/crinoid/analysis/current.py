@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from crinoid.analysis.sea_record import NO_MEAN
+from crinoid.analysis.sea_record import NO_MEAN, velocity_statistics
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import System
@@ -25,45 +25,35 @@ _STEADY = 1e-9
 """A standard deviation of less than this part of the largest speed is round-off."""
 
 
-class Statistics(NamedTuple):
-    """Statistics of a velocity over time, by component; not a number where there is none."""
+def current_statistics(
+    velocity: Float[np.ndarray, "time axis"], interval: float, axes: Sequence[str]
+) -> dict[str, Any]:
+    """Sum up a velocity (m/s) sampled at even intervals (s), by names with units.
 
-    mean: Float[np.ndarray, " axis"]
-    """Mean velocity (m/s)."""
-    mean_speed: float
-    """Mean of the speed (m/s)."""
-    greatest_speed: float
-    """Greatest speed (m/s)."""
-    standard_deviation: Float[np.ndarray, " axis"]
-    """Standard deviation about the mean velocity (m/s)."""
-    intensity: Float[np.ndarray, " axis"]
-    """Standard deviation over the size of the mean velocity, if there is one."""
-    integral_time: Float[np.ndarray, " axis"]
-    """How long the current remembers itself (s): see `integral_time`."""
-    integral_length: Float[np.ndarray, " axis"]
-    """How far the mean velocity gets in that time (m): Taylor's frozen turbulence."""
-
-
-def statistics(velocity: Float[np.ndarray, "time axis"], interval: float) -> Statistics:
-    """Sum up a velocity (m/s) sampled at even intervals (s)."""
-    mean, deviation = velocity.mean(axis=0), velocity.std(axis=0)
-    speed = np.linalg.norm(velocity, axis=1)
-    carried = float(np.linalg.norm(mean))
-    if carried <= NO_MEAN * np.sqrt(np.mean(speed**2)):
+    Besides `velocity_statistics`, by axis: the standard deviation over the size of the mean
+    velocity, the integral time, and how far the mean velocity gets in that (Taylor's frozen
+    turbulence). Not a number where there is none.
+    """
+    carried = float(np.linalg.norm(velocity.mean(axis=0)))
+    if carried <= NO_MEAN * np.sqrt(np.mean(np.sum(velocity**2, axis=1))):
         carried = np.nan
-    times = np.full(mean.shape, np.nan)
-    for axis, series in enumerate(velocity.T):
-        if deviation[axis] > _STEADY * speed.max():
-            times[axis] = integral_time(series, interval)
-    return Statistics(
-        mean=mean,
-        mean_speed=float(speed.mean()),
-        greatest_speed=float(speed.max()),
-        standard_deviation=deviation,
-        intensity=deviation / carried,
-        integral_time=times,
-        integral_length=carried * times,
-    )
+    times, listed = _integral_times(velocity, interval), ", ".join(axes)
+    return velocity_statistics(velocity, axes) | {
+        f"intensity {listed} (%)": 100 * velocity.std(axis=0) / carried,
+        f"integral time {listed} (s)": times,
+        f"integral length {listed} (m)": carried * times,
+    }
+
+
+def _integral_times(
+    velocity: Float[np.ndarray, "time axis"], interval: float
+) -> Float[np.ndarray, " axis"]:
+    """Return the integral time (s) of each component; not a number of a steady one."""
+    round_off = _STEADY * np.abs(velocity).max()
+    return np.array([
+        integral_time(series, interval) if series.std() > round_off else np.nan
+        for series in velocity.T
+    ])  # fmt: skip
 
 
 FLOW = "flow.nc"
@@ -241,20 +231,19 @@ def _model(
                 )
     if asked.any():
         return asked, "von Karman's spectrum, as the scenario asks for it"
-    found = statistics(velocity, interval)
+    integral_times = _integral_times(velocity, interval)
     if any("wave" in table["kind"] for table in tables):  # their spectrum is no turbulence's
         return None, ""
-    if not _RANDOM & {table["kind"] for table in tables} or np.isnan(found.integral_time).all():
+    if not _RANDOM & {table["kind"] for table in tables} or np.isnan(integral_times).all():
         return None, ""
-    speed = float(np.linalg.norm(found.mean))
+    mean, deviation = velocity.mean(axis=0), velocity.std(axis=0)
+    speed = float(np.linalg.norm(mean))
     fitted = np.zeros_like(asked)
     for axis in range(velocity.shape[1]):
-        along = float(found.mean[axis] / speed) ** 2 if speed > 0 else 1.0
+        along = float(mean[axis] / speed) ** 2 if speed > 0 else 1.0
         # across the mean velocity an eddy is half as long
-        passing = 2 * found.integral_time[axis] / (1 + along)
-        fitted[:, axis] = von_karman(
-            frequency, float(found.standard_deviation[axis]), float(passing), along
-        )
+        passing = 2 * integral_times[axis] / (1 + along)
+        fitted[:, axis] = von_karman(frequency, float(deviation[axis]), float(passing), along)
     return fitted, "von Karman's spectrum of the same deviation and integral time"
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -44,22 +45,29 @@ Velocity = Float[np.ndarray, "time component"]
 Filled = Bool[np.ndarray, " time"]
 
 
-def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -> dict[str, float]:
+def velocity_statistics(velocity: Velocity, axes: Sequence[str]) -> dict[str, Any]:
+    """Sum up a velocity (m/s) by names with units: numbers, or arrays with a number by axis."""
+    speed, listed = np.linalg.norm(velocity, axis=1), ", ".join(axes)
+    return {
+        f"mean {listed} (m/s)": velocity.mean(axis=0),
+        f"deviation {listed} (m/s)": velocity.std(axis=0),
+        "mean speed (m/s)": speed.mean(),
+        "median speed (m/s)": np.median(speed),
+        "speed, 95 % (m/s)": np.quantile(speed, 0.95),
+        "largest speed (m/s)": speed.max(),
+    }
+
+
+def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -> dict[str, Any]:
     """Sum up a record at one of its levels, by index, from its measured values only.
 
-    By names with units. The principal direction of a record in space counts from x towards y; that
-    of one whose axes are east and north clockwise from north. The intensity is the median of
-    `turbulence_intensity`, for a fast record only.
+    By names as in `velocity_statistics`. The principal direction of a record in space counts from x
+    towards y; that of one whose axes are east and north clockwise from north. The intensity is the
+    median of `turbulence_intensity`, for a fast record only.
     """
     filled = record.filled[:, level]
     velocity = record.velocity[~filled, level]
-    speed = np.linalg.norm(velocity, axis=1)
-    found = {f"mean {axis} (m/s)": velocity[:, at].mean() for at, axis in enumerate(axes)}
-    found |= {f"deviation {axis} (m/s)": velocity[:, at].std() for at, axis in enumerate(axes)}
-    found["mean speed (m/s)"] = speed.mean()
-    found["median speed (m/s)"] = np.median(speed)
-    found["speed, 95 % (m/s)"] = np.quantile(speed, 0.95)
-    found["largest speed (m/s)"] = speed.max()
+    found = velocity_statistics(velocity, axes)
     if len(axes) == 3:
         direction, along = principal(velocity)
         degrees = np.rad2deg(direction)
@@ -70,10 +78,10 @@ def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -
         known = intensity[np.isfinite(intensity)]
         found["turbulence intensity (%)"] = 100 * np.median(known) if known.size else np.nan
     there = np.concatenate([record.time[:1], record.time[~filled], record.time[-1:]])
-    found["gaps"] = np.sum(np.diff(filled.astype(int), prepend=0) > 0)
+    found["gaps"] = float(np.sum(np.diff(filled.astype(int), prepend=0) > 0))
     found["longest gap (s)"] = np.diff(there).max() if filled.any() else 0
     found["missing (%)"] = 100 * filled.mean()
-    return {name: float(value) for name, value in found.items()}
+    return found
 
 
 def interval_of(record: FilledRecord) -> float:

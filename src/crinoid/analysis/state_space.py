@@ -25,7 +25,6 @@ from crinoid.scenario.errors import counted, got
 if TYPE_CHECKING:
     import control
 
-Matrix = Float[np.ndarray, "m n"]
 Names = tuple[str, ...]
 
 RESPONSE = "response.nc"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.foundation.axes import ANGLES
+from crinoid.recording.recording import base_travel
 from crinoid.scenario import (
     GaussMarkovFlow,
     GustFlow,
@@ -20,7 +20,6 @@ from crinoid.scenario import (
     TurbulenceFlow,
     UniformFlow,
 )
-from crinoid.scenario.base_motion import InFile, VesselMotion
 from crinoid.scenario.flow import Flow
 
 if TYPE_CHECKING:
@@ -174,18 +173,8 @@ class Facts:
 
     @cached_property
     def travel(self) -> float:
-        """How far channels and prescribed motion may shift the base (m)."""
-        base = self.scenario.base
-        shifts = [channel for name, channel in base.channels.present.items() if name not in ANGLES]
-        driven = [max(-channel.limits.low, channel.limits.high) for channel in shifts]
-        duration = self.scenario.simulation.duration
-        carried = [
-            # the file is not read here
-            math.inf if isinstance(motion, InFile) else motion.farthest(duration)
-            for motion in base.motion
-            if isinstance(motion, VesselMotion) or motion.channel not in ANGLES
-        ]
-        return math.hypot(*driven) + math.hypot(*carried)
+        """How far channels and prescribed motions may shift the base (m)."""
+        return base_travel(self.scenario, self.prepared.series)
 
     @cached_property
     def speeds(self) -> dict[int, float]:

@@ -18,8 +18,6 @@ from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
 from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 
-Matrix = Float[np.ndarray, "_ _"]
-
 _TICKS = 60
 """Number of commands over which the pattern of arrivals is sampled."""
 _MODEL_ERROR = 2e-2

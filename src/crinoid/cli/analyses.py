@@ -1,6 +1,5 @@
 """Analyses of a scenario without a run in time: its current, vibrations and stability margins."""
 
-from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
 
@@ -8,16 +7,15 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from crinoid.analysis.current import FLOW, Statistics, sample_current, statistics
+from crinoid.analysis.current import FLOW, current_statistics, sample_current
 from crinoid.analysis.curve import Curve
 from crinoid.analysis.equilibria import CURVE, curve_table, find_equilibria
 from crinoid.analysis.margins import MARGINS, find_margins
 from crinoid.analysis.vibrations import MODES, find_vibrations
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table, progress_bar, say_notes
+from crinoid.cli.display import new_table, progress_bar, say_notes, statistics_table
 from crinoid.cli.finding import finding
-from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.diagnostics.plausibility import IN_THE_WATER, plausibility_warnings
 from crinoid.foundation.status import Status
@@ -38,38 +36,18 @@ def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:
         data = sample_current(found.prepared)
         recordings = found.prepared.recordings.items()
         lines = [f"flow.{index}: {_described(recording)}" for index, recording in recordings]
-        found.show(data, _current_table, lines)
+        found.show(data, _current_table(data), lines=lines)
 
 
 def _current_table(data: xr.Dataset) -> Table:
     time = data["time"].values
     late = time >= data.attrs["settled"] - 1e-9
-    places = [
-        statistics(data["flow_velocity"].sel(place=place).values[late], time[1] - time[0])
-        for place in ("root", "tip")
-    ]
+    axes, places = data["axis"].values.tolist(), data["place"].values.tolist()
     begin, end = time[late][[0, -1]]
-    axes = ", ".join(data["axis"].values)
-    texts: dict[str, Callable[[Statistics], str]] = {
-        f"mean velocity {axes}": lambda at: _vector(at.mean, "m/s"),
-        "mean speed": lambda at: f"{at.mean_speed:.3f} m/s",
-        "greatest speed": lambda at: f"{at.greatest_speed:.3f} m/s",
-        f"standard deviation {axes}": lambda at: _vector(at.standard_deviation, "m/s"),
-        f"intensity {axes}": lambda at: _vector(100 * at.intensity, "%", 1),
-        f"integral time {axes}": lambda at: _vector(at.integral_time, "s", 2),
-        f"integral length {axes}": lambda at: _vector(at.integral_length, "m", 2),
-    }
-    heads = (f"{begin:g} to {end:g} s", "at the root", "at the tip")
-    rows = ((name, *map(text, places)) for name, text in texts.items())
-    return new_table(data.attrs["title"], heads, rows)
-
-
-def _vector(values: np.ndarray, unit: str, digits: int = 3) -> str:
-    """Return the values of all axes; a dash for an unknown one, a word for none."""
-    if np.isnan(values).all():
-        return "not defined"
-    texts = ("-" if np.isnan(value) else f"{value + 0.0:.{digits}f}" for value in values)
-    return f"{', '.join(texts)} {unit}"
+    heads = (f"{begin:g} to {end:g} s", *(f"at the {place}" for place in places))
+    velocities = (data["flow_velocity"].sel(place=place).values[late] for place in places)
+    columns = [current_statistics(each, time[1] - time[0], axes) for each in velocities]
+    return statistics_table(data.attrs["title"], heads, columns)
 
 
 def _described(recording: Recording) -> str:
@@ -102,7 +80,7 @@ def show_modes(scenario: Scenario, folder: Path, *, count: int, in_air: bool, fo
         lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
         if "lock_in_speed" in data:
             lines += [f"vortices lock in {_lock_in(data)}"]
-        return found.show(data, _modes_table, lines)
+        return found.show(data, _modes_table(data), lines=lines)
 
 
 def _modes_table(data: xr.Dataset) -> Table:
@@ -156,13 +134,13 @@ def _rest(data: xr.Dataset) -> str:
 
 def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bool) -> str:
     """Follow the equilibrium over a number, save, draw and print it; return what went wrong."""
-    of = folder / CURVE
+    path, others = folder / CURVE, [_TABLE]
     with (
-        finding(scenario, of, "a curve", force=force, check=None, doubts=None) as found,
+        finding(
+            scenario, path, "a curve", force=force, others=others, check=None, doubts=None
+        ) as found,
         Interruption() as interruption,
     ):
-        if not force:
-            check_own(folder / _TABLE)
         ends = (plausibility_warnings(curve.cases[end], AT_REST) for end in (0, -1))
         say_notes(dict.fromkeys(chain(*ends)))
         with progress_bar() as bar:
@@ -171,7 +149,7 @@ def show_equilibria(scenario: Scenario, curve: Curve, folder: Path, *, force: bo
                 bar.update(bar.task_ids[0], completed=done, total=total, description="equilibria")
 
             data = find_equilibria(curve, stop=interruption.stop, report=report)
-        return found.show(data, _curve_table, files={_TABLE: curve_table(data)})
+        return found.show(data, _curve_table(data), files={_TABLE: curve_table(data)})
 
 
 _TABLE = "curve.csv"
@@ -208,7 +186,7 @@ def show_margins(scenario: Scenario, folder: Path, *, force: bool) -> None:
     with finding(scenario, folder / MARGINS, "a margin", force=force) as found:
         with console.status("linearising the loop"):
             data = find_margins(found.prepared)
-        found.show(data, _margins_table)
+        found.show(data, _margins_table(data))
 
 
 def _margins_table(data: xr.Dataset) -> Table:

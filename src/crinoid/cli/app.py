@@ -1,11 +1,9 @@
-"""The command line: the program, and former commands."""
+"""The command line: the program with its commands."""
 
-from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
-from crinoid.cli.command import stop
 from crinoid.cli.commands import COMMANDS, GROUPS
 from crinoid.cli.program import Program
 
@@ -32,16 +30,6 @@ def _version(
         raise typer.Exit
 
 
-def _moved(name: str, program: str) -> Callable[[], None]:
-    return lambda: stop(f"{name}: not in the package. In a clone of crinoid, run: {program}")
-
-
 _group_of = {name: group for group, names in GROUPS.items() for name in names}
 for command in sorted(COMMANDS, key=lambda each: [*_group_of].index(each.name)):
     command.add_to(app, _group_of[command.name])
-_MOVED = {"validate": "python -m validation", "bench": "python -m benchmarks"}
-"""Former commands, and the programs of the repository in their place."""
-for name, program in _MOVED.items():
-    anything = {"ignore_unknown_options": True, "allow_extra_args": True}
-    as_before = app.command(name, hidden=True, add_help_option=False, context_settings=anything)
-    as_before(_moved(name, program))

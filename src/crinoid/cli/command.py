@@ -110,6 +110,8 @@ def load_text(name: str, settings: list[str] | None) -> ScenarioText:
     with Loading():
         from crinoid.scenario import ScenarioText
 
+    if Path(name, "result.nc").is_file():
+        stop(f"{name}: is the folder of a result; must be a scenario. Name a folder by --out.")
     return ScenarioText(name, settings or ())
 
 

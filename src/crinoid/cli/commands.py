@@ -48,6 +48,21 @@ def _no_format(form: str) -> str:
     return "" if form in FORMATS else got(form, f"be {one_of(FORMATS)}")
 
 
+def _wrong_kinds(text: str) -> str:
+    from crinoid.scenario.control import KINDS
+    from crinoid.scenario.errors import got, one_of, shown
+    from crinoid.scenario.kinds import installed
+
+    kinds = text.replace(" ", "").split(",")
+    known = [kind for kind in (*KINDS, *installed("controllers")) if kind != "custom"]
+    for kind in kinds:
+        if kind not in known:
+            return got(kind, f"be {one_of(known)}, separated by commas")
+        if kinds.count(kind) > 1:
+            return f"got {shown(kind)} twice; must name each controller once"
+    return ""
+
+
 # fmt: off
 COMMANDS = (
     Command("run", "crinoid.cli.scenario_commands:run",
@@ -102,11 +117,11 @@ COMMANDS = (
             complete=complete_name),
         Option("--schema", False, "Print the JSON schema of a scenario, for editors."),
         interrupted="interrupted"),
-    Command("compare", "crinoid.cli.study_commands:compare",
+    Command("compare", "crinoid.cli.compare:compare_controllers",
         "Run a scenario under several controllers over several seeds, and compare them.",
         _SCENARIO,
         Option("--controllers KINDS", "none,pid",
-            "Kinds of controllers, with commas between them."),
+            "Kinds of controllers, with commas between them.", check=_wrong_kinds),
         Option("--seeds", 10, "Number of seeds.", check=_POSITIVE),
         Option("--first-seed", 0, "The first one of them.",
             check=must("be at least 0", lambda seed: seed >= 0)),
@@ -223,13 +238,16 @@ COMMANDS = (
     Command("train", "crinoid.cli.study_commands:train",
         "Train a neural policy in simulation.",
         _SCENARIO,
-        Option("--method KIND", "gradient", "Improvement: gradient."),
-        Option("--teacher KIND", "lqg", "Teacher of the imitation: lqg, mpc, pid or none."),
+        Option("--teacher KIND", "lqg", "Teacher of the imitation: lqg, mpc, pid or none.",
+            check=must('be "lqg", "mpc", "pid" or "none"',
+                lambda kind: kind in ("lqg", "mpc", "pid", "none"))),
         Option("--draw KEY=LOW:HIGH", list[str], "Key that each episode draws.",
             "stiffness, currents, sensor, tool"),
-        Option("--arms N", 16, "Arms that are run at a time."),
-        Option("--updates N", 1500, "Largest number of updates."),
-        Option("--seed N", 0, "Seed of everything random."),
+        Option("--arms N", 16, "Arms that are run at a time.", check=_POSITIVE),
+        Option("--updates N", 1500, "Largest number of updates.",
+            check=must("be at least 0", lambda count: count >= 0)),
+        Option("--seed N", 0, "Seed of everything random.",
+            check=must("be from 0 to 1000000", lambda seed: 0 <= seed <= 1_000_000)),
         _SET, out("results/SCENARIO-train"), resume("training"), _FORCE),
 )
 # fmt: on

@@ -20,7 +20,6 @@ from crinoid.cli.display import (
     seed_notes,
 )
 from crinoid.cli.finding import finding
-from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import label_of, main_measures, unit_for
@@ -40,23 +39,23 @@ from crinoid.view.figures.controllers import speed_unit
 
 
 def compare_controllers(
-    scenario: Scenario, kinds: list[str], seeds: range, folder: Path, *, force: bool
+    scenario: Scenario, controllers: str, seeds: int, first_seed: int, folder: Path, *, force: bool
 ) -> str:
     """Run a scenario under each controller, save, draw and sum up; return what went wrong."""
-    if not force:
-        check_own(folder / COMPARISON_TABLE)
+    path, others = folder / COMPARISON, [COMPARISON_TABLE]
+    kinds, every = controllers.replace(" ", "").split(","), range(first_seed, first_seed + seeds)
     with (
-        finding(scenario, folder / COMPARISON, "a comparison", force=force) as found,
+        finding(scenario, path, "a comparison", force=force, others=others) as found,
         Interruption() as interruption,
     ):
         with progress_bar() as bar:
-            comparison = ControllerComparison(scenario, kinds, seeds)
+            comparison = ControllerComparison(scenario, kinds, every)
             interruption.has_some = lambda: comparison.has_runs
             comparison.run(reporter(bar, ""), interruption.stop)
             interruption.stop()
         data = comparison.dataset()
-        rms, notes = data["rms_error"].values, seed_notes(len(seeds))
-        if len(seeds) > 1 and np.isfinite(rms).all() and not np.ptp(rms, axis=1).any():
+        rms, notes = data["rms_error"].values, seed_notes(seeds)
+        if seeds > 1 and np.isfinite(rms).all() and not np.ptp(rms, axis=1).any():
             notes = ["nothing in this scenario is random: all seeds give the same run"]
         of_runs = {
             name: [note for note in arm.notes if note not in found.doubts]

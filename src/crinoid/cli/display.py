@@ -23,12 +23,16 @@ from crinoid.results.measure_labels import unit_of
 from crinoid.results.metrics import MEASURES, Measure
 from crinoid.results.result import Result
 from crinoid.results.table import equilibrium_summary, summary
-from crinoid.results.units import largest
-from crinoid.scenario import Scenario
+from crinoid.results.units import Unit, largest
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario.document import flat
 from crinoid.view.figures.study import short_keys
 
 if TYPE_CHECKING:
     from crinoid.simulation import Progress as Reached
+
+_FEW = 3
+"""Number of keys that a line names."""
 
 
 class _TimeColumn(TimeRemainingColumn):
@@ -169,6 +173,23 @@ def new_table(
     return table
 
 
+def statistics_table(
+    title: str | None, heads: Sequence[str], columns: Sequence[Mapping[str, Any]]
+) -> Table:
+    """Return a table of statistics by name, a column for each place; ``heads`` may be none."""
+
+    def text(values: Any) -> str:
+        if np.isnan(values).all():
+            return "not defined"
+        numbers = (np.round(values, _DECIMALS) + 0.0).ravel().tolist()
+        return ", ".join("-" if np.isnan(each) else _PLAIN.number(each) for each in numbers)
+
+    rows = [(name, *(text(column[name]) for column in columns)) for name in columns[0]]
+    return new_table(title, heads, rows, show_header=bool(heads))
+
+
+_PLAIN = Unit(1.0, "")
+_DECIMALS = 9  # of a statistic: less is round-off
 _MOST_NOTES, _MOST_FAILURES = 6, 4
 _NUMBER = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
 
@@ -291,3 +312,15 @@ def _value(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(_value(item) for item in value)}]"
     return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def difference(found: Mapping[str, object], scenario: Scenario) -> str:
+    """Return the first keys that differ from those of a result, in brackets."""
+    try:
+        old = dict(flat(Scenario.from_toml(str(found.get("scenario"))).to_dict()))
+    except ScenarioError:  # of another version
+        return ""
+    new = dict(flat(scenario.to_dict()))
+    keys = [key for key in dict.fromkeys([*new, *old]) if new.get(key) != old.get(key)]
+    more = f" and {len(keys) - _FEW} more" if len(keys) > _FEW else ""
+    return f" ({', '.join(keys[:_FEW])}{more} differ{'s' * (len(keys) == 1)})" if keys else ""

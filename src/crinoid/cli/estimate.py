@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from crinoid.cli.display import new_table, show
+from crinoid.cli.display import new_table
 from crinoid.cli.finding import finding
 from crinoid.inverse import ESTIMATE
 from crinoid.inverse.estimation import estimated
@@ -21,8 +21,7 @@ def estimate_states(scenario: Scenario, record: Path, folder: Path, *, force: bo
     """Run the observer over a log, save and draw the estimate, and sum it up."""
     with finding(scenario, folder / ESTIMATE, "an estimate", force=force) as found:
         data = estimated(found.prepared, record)
-        notes = [note for note in data.attrs["notes"].splitlines() if note]
-        show(consistency_table(data), [*notes, *_notes(data)], found.save(data))
+        found.show(data, consistency_table(data), notes=_notes(data))
 
 
 def consistency_table(data: xr.Dataset) -> Table:

@@ -60,13 +60,18 @@ class Finding(NamedTuple):
     def show(
         self,
         data: xr.Dataset,
-        table: Callable[[xr.Dataset], Table],
+        table: Table,
+        *,
         lines: Iterable[str] = (),
+        notes: Iterable[str] = (),
         files: Mapping[str, Content] | None = None,
     ) -> str:
-        """Save and draw a dataset, and print its table, lines and notes; return what went wrong."""
+        """Save and draw a dataset, and print a table, lines and all notes; return what went wrong.
+
+        Notes of the dataset come first.
+        """
         written = self.save(data, files)
-        show(table(data), data.attrs["notes"].splitlines(), written, lines)
+        show(table, [*data.attrs.get("notes", "").splitlines(), *notes], written, lines)
         status = str(data.attrs.get("status", Status.OK))
         return "" if status == Status.OK else status
 
@@ -95,22 +100,23 @@ def finding(
     name: str,
     *,
     force: bool,
+    others: Iterable[str] = (),
     check: Callable[[Prepared], object] | None = Prepared.check,
     doubts: Collection[str] | None = (),
 ) -> Iterator[Finding]:
     """Prepare and check a case, and lock the folder of a file about it.
 
-    The ``name`` is its subject in messages: `"a tuning"`. With ``force`` the file may replace one
-    that crinoid did not write. Implausible values of the tables ``doubts`` are reported: of all
-    for none, of no table for None.
+    The ``name`` is its subject in messages: `"a tuning"`. With ``force`` the file, and ``others``
+    beside it, may replace those that crinoid did not write. Implausible values of the tables
+    ``doubts`` are reported: of all for none, of no table for None.
     """
     require_one(scenario, name)
     prepared = Prepared(scenario)
     if check is not None:
         check(prepared)
     with claimed(path.parent):
-        if not force:
-            check_own(path)
+        for each in () if force else (path.name, *others):
+            check_own(path.parent / each)
         found = [] if doubts is None else say_doubts(prepared, doubts)
         yield Finding(prepared, path, found)
 

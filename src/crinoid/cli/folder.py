@@ -17,6 +17,7 @@ from crinoid.analysis.margins import MARGINS
 from crinoid.analysis.sea_record import RECORD
 from crinoid.analysis.state_space import RESPONSE
 from crinoid.analysis.vibrations import MODES
+from crinoid.cli.display import difference
 from crinoid.foundation.atomic_file import remove_unfinished
 from crinoid.foundation.status import Status
 from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
@@ -27,7 +28,6 @@ from crinoid.results.result_file import attributes
 from crinoid.results.stream import is_stream, open_lazily, remove_checkpoints
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Scenario, ScenarioError, refusal
-from crinoid.scenario.document import flat
 from crinoid.studies.comparison import COMPARISON
 from crinoid.studies.statistics import MEANS
 from crinoid.studies.sweep.plan import PLAN
@@ -43,8 +43,6 @@ _APART = (
 )  # fmt: skip
 """Files of commands that run no scenario by itself, which may be next to a result."""
 _SUMMARY = (SUMMARY_JSON, SUMMARY_CSV)
-_FEW = 3
-"""Number of keys that a line names."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 Wanted = Mapping[str, Scenario]
@@ -119,7 +117,7 @@ def check_replaced(
             continue
         if place not in wanted or not _same(found, wanted[place]) or still != _still(path):
             alike = place in wanted and still == _still(path)
-            keys = _difference(found, wanted[place]) if alike else ""
+            keys = difference(found, wanted[place]) if alike else ""
             text = f"{path} is a finished result of another scenario{keys}. Choose another folder, "
             raise refusal("--out", f"{text}or use --force to replace it.")
 
@@ -289,18 +287,6 @@ def _still(path: Path) -> bool:
     """Return whether a result is of one instant, an equilibrium."""
     with netCDF4.Dataset(path) as file:
         return "time" in file.dimensions and file.dimensions["time"].size == 1
-
-
-def _difference(found: Mapping[str, object], scenario: Scenario) -> str:
-    """Return the first keys that differ from those of a result, in brackets."""
-    try:
-        old = dict(flat(Scenario.from_toml(str(found.get("scenario"))).to_dict()))
-    except ScenarioError:  # of another version
-        return ""
-    new = dict(flat(scenario.to_dict()))
-    keys = [key for key in dict.fromkeys([*new, *old]) if new.get(key) != old.get(key)]
-    more = f" and {len(keys) - _FEW} more" if len(keys) > _FEW else ""
-    return f" ({', '.join(keys[:_FEW])}{more} differ{'s' * (len(keys) == 1)})" if keys else ""
 
 
 def _same(found: Mapping[str, object], scenario: Scenario) -> bool:

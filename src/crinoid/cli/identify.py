@@ -8,7 +8,7 @@ import xarray as xr
 from rich.table import Table
 
 from crinoid.cli.command import FAILED, MISSED
-from crinoid.cli.display import new_table, progress_bar, show
+from crinoid.cli.display import new_table, progress_bar
 from crinoid.cli.finding import finding, solvable
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
@@ -58,10 +58,10 @@ def identify_numbers(
             comment = f"{_lost_markers(data)} of the record were set aside as lost markers"
             comment = "; ".join(filter(None, ("numbers by `crinoid identify`", comment, status)))
             identified = text.with_values(search.numbers(), comment)
-            files = found.save(data, {"identified.toml": identified})
             read = [note for each in records for note in each.notes]
             notes = [*read, *search.notes, *_identification_notes(search, data)]
-            show(identification_table(data), notes, files)
+            files = {"identified.toml": identified}
+            found.show(data, identification_table(data), notes=notes, files=files)
     return status, MISSED
 
 

@@ -10,9 +10,9 @@ from crinoid.analysis.model_files import FORMATS
 from crinoid.analysis.sampled_plant import GROWS
 from crinoid.analysis.state_space import RESPONSE, SWINGS, StateSpaceModel
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table, show
+from crinoid.cli.display import new_table
 from crinoid.cli.finding import finding
-from crinoid.cli.folder import check_own, clear_own
+from crinoid.cli.folder import clear_own
 from crinoid.foundation.representation import with_units
 from crinoid.scenario import Scenario, ScenarioError, refusal
 
@@ -23,17 +23,16 @@ def show_linearisation(
     scenario: Scenario, folder: Path, *, to: str, order: int | None, force: bool
 ) -> None:
     """Linearise a scenario, save and draw the model, and sum it up."""
-    path = folder / f"linear-model.{to}"
-    with finding(scenario, folder / RESPONSE, "a linear model", force=force) as found:
-        if not force:
-            check_own(path)
+    place, name = folder / RESPONSE, f"linear-model.{to}"
+    with finding(scenario, place, "a linear model", force=force, others=[name]) as found:
         with console.status("linearising"):
             full = find_state_space(found.prepared)
             model = full if order is None else _reduced(full, order)
-            files = found.save(model.tip_response(), {path.name: model.save})
-            others = [f"linear-model.{form}" for form in FORMATS if form != to]
-            clear_own(folder, others)  # another model
-        show(_poles_table(model), model.notes, files, _lines(model, full))
+            response = model.tip_response()
+        lines = _lines(model, full)
+        found.show(response, _poles_table(model), lines=lines, files={name: model.save})
+        # another model
+        clear_own(folder, [f"linear-model.{form}" for form in FORMATS if form != to])
 
 
 def _reduced(full: StateSpaceModel, order: int) -> StateSpaceModel:

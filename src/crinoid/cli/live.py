@@ -13,7 +13,7 @@ from crinoid.cli.finding import require_one
 from crinoid.cli.folder import claimed, save
 from crinoid.cli.interruption import Interruption
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, refusal
+from crinoid.scenario import Scenario
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
@@ -25,14 +25,11 @@ def run_live(scenario: Scenario, folder: Path, *, port: int, browser: bool | Non
     except ImportError:
         stop('live needs websockets for its page: pip install "crinoid[live]"')
     from crinoid.view.live.interactive import StartError
-    from crinoid.view.live.page import Page, PortError, check_port
+    from crinoid.view.live.page import Page, check_port
     from crinoid.view.live.session import LiveSession
 
     require_one(scenario, "a live session")
-    try:
-        check_port(port)
-    except PortError as error:
-        raise refusal("--port", str(error)) from None
+    check_port(port)
 
     def keep(result: Result) -> str:
         names = (folder / f"recording-{number:02d}" for number in count(1))

@@ -11,9 +11,8 @@ import xarray as xr
 from rich.table import Table
 
 from crinoid.cli.command import FAILED, MISSED
-from crinoid.cli.display import new_table, progress_bar, show
+from crinoid.cli.display import new_table, progress_bar
 from crinoid.cli.finding import finding, solvable
-from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
@@ -75,12 +74,11 @@ def search_and_save(
 
     ``more`` returns further rows of the table, and notes.
     """
+    path = folder / names.file
     with (
-        finding(text.scenario, folder / names.file, names.subject, force=force) as found,
+        finding(text.scenario, path, names.subject, force=force, others=[SUMMARY_JSON]) as found,
         Interruption() as interruption,
     ):
-        if not force:
-            check_own(folder / SUMMARY_JSON)
         with progress_bar() as bar, solvable():
             (task,) = bar.task_ids
             search = new()
@@ -111,14 +109,14 @@ def search_and_save(
             SUMMARY_JSON: json.dumps(summary, indent=1, allow_nan=False),
         }
         data = search.dataset(status)
-        files = found.save(data, texts)
         notes = [f"a search without gradients: {search.why}"] if search.why else []
         if ends := ", ".join(summary["at_end"]):
             notes.append(f"at an end of its range: {ends}. {names.beyond}")
         if search.ended_early:
             notes.append("the search ended at its number of trials. More may give a better value")
         rows, others = more(search, data)
-        show(optimisation_table(search, rows), [*notes, *others], files)
+        table = optimisation_table(search, rows)
+        found.show(data, table, notes=[*notes, *others], files=texts)
     return ("", 0) if status == Status.OK.value else (status, MISSED)
 
 

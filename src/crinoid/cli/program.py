@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
@@ -76,19 +77,21 @@ def _in_one_line(words: Sequence[str]) -> Iterator[None]:
         for word, after in zip(words, [*words[1:], value], strict=True):
             if wrong == word.split("=")[0]:
                 value = word.partition("=")[2] or after
-        near, hint = _NEAR.search(message), ""
+        near, hint = "".join(f"Did you mean {each}?" for each in _NEAR.findall(message)), ""
         if why.startswith(("no such", "unexpected")):
             context: Any = error.ctx  # type: ignore[attr-defined]
             settable = any(each.name == "settings" for each in context.command.params)
-            hint = _hint(wrong, words[0], value if settable else "")
-            hint = hint or (f"Did you mean {near[1]}?" if near else "")
+            hint = _hint(wrong, words[0], value if settable else "") or near
+            if "--resume" in words and Path(wrong).is_dir():
+                hint = f"Write --out {wrong}."
         see = "--help" if wrong == words[0] else f"{words[0]} --help"
         text = text.replace("{given}", f'"{value}"')
         stop(f"{text}. {hint or f'See crinoid {see}.'}")
 
 
 def _hint(unknown: str, command: str, value: str) -> str:
-    """Return how to write a scenario in the place of a command, or a key in that of an option."""
+    """Return how to write a scenario or a key instead, or which commands have an option."""
+    from crinoid.cli.commands import COMMANDS
     from crinoid.scenario import builtin_names  # slow to load
     from crinoid.scenario.kinds import all_keys
     from crinoid.scenario.scenario import scenario_schema
@@ -96,9 +99,13 @@ def _hint(unknown: str, command: str, value: str) -> str:
     if unknown == command:
         named = unknown.endswith(".toml") or unknown in builtin_names()
         return f"Write crinoid run {unknown}." if named else ""
-    if not unknown.startswith("--") or not value:
+    if not unknown.startswith("--"):
         return f"Write --set {unknown}." if value and "=" in unknown else ""
     name = unknown[2:].replace("-", "_")
-    keys = [key for key in all_keys(scenario_schema()) if name in (key, key.split(".")[-1])]
+    every = all_keys(scenario_schema()) if value else ()
+    keys = [key for key in every if name in (key, key.split(".")[-1])]
     keys.sort(key=lambda key: ".0." in key)  # rather of a table than of one in a list
-    return f"Write --set {keys[0]}={value}." if keys else ""
+    if keys:
+        return f"Write --set {keys[0]}={value}."
+    owner = next((each.name for each in COMMANDS if unknown in (o.flag for o in each.options)), "")
+    return f"It is an option of crinoid {owner}." if owner else ""

@@ -15,6 +15,8 @@ def report(result: Path, file_format: str, width: str | None, out: Path | None) 
     require_figures(file_format)
     if width is not None:
         width_of(width)
+    if out is not None and out.is_file():
+        stop(f"--out: {out} is a file; must be a folder")
     require_path(result)
     with Loading():
         from crinoid.cli.display import say_written

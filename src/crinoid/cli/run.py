@@ -6,6 +6,7 @@ from pathlib import Path
 from crinoid.assembly.prepared import Prepared, at_rest
 from crinoid.cli.command import console
 from crinoid.cli.display import (
+    difference,
     equilibrium_table,
     progress_bar,
     reporter,
@@ -124,8 +125,9 @@ def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
         except ScenarioError:  # such as a table of motion that ends before that
             same = False
         if not same:
-            text = f"the run in {folder} is of another scenario; only its duration may be changed"
-            raise refusal("--resume", text)
+            keys = difference(earlier.dataset.attrs, scenario)
+            text = f"the run in {folder} is of another scenario{keys}; only its duration may "
+            raise refusal("--resume", f"{text}change. Choose another folder (--out).")
         if duration < each.simulation.duration:
             text = f"the run in {folder} already covers {each.simulation.duration} s"
             raise refusal("--resume", f"{text}; nothing to resume")

@@ -23,7 +23,7 @@ from crinoid.analysis.sea_record import (
     tide,
 )
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table
+from crinoid.cli.display import new_table, statistics_table
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
 from crinoid.foundation.axes import AXES
@@ -34,7 +34,6 @@ from crinoid.recording.selection import read_selection
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import describe
 from crinoid.results.own_files import table_head
-from crinoid.results.units import Unit
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.document import override
 from crinoid.scenario.flow import Component, MeasuredFlow
@@ -45,7 +44,6 @@ _READING = (
     *("time", "vertical", "origin", "heading_deg", "select"),
 )
 """Keys of a measured flow that say how its file is read."""
-_PLAIN = Unit(1.0, "")
 _TIDES = 6 * 3600.0
 """Interval (s) from which on samples are too far apart for most tides."""
 _CONSTITUENTS = 6
@@ -95,7 +93,7 @@ def _show(
         lines = _extent(record, start, middle)
         lines += _tide(record, middle, start, _latitude(dataset, flow))
         numbers = _numbers(record, places, axes)
-        found.show(data, lambda _: numbers, lines, {HISTOGRAM: _HEAD + text})
+        found.show(data, numbers, lines=lines, files={HISTOGRAM: _HEAD + text})
 
 
 def _toml(value: Any) -> str:
@@ -135,14 +133,10 @@ def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
 def _numbers(record: FilledRecord, places: list[int], axes: tuple[str, ...]) -> Table:
     """Return the statistics of some levels."""
     columns = [record_statistics(record, level, axes) for level in places]
-    rows = [(name, *(_text(column[name]) for column in columns)) for name in columns[0]]
     if record.levels is None:
-        return new_table(None, (), rows, show_header=False)
-    return new_table(None, ("", *(f"z = {record.levels[at]:.4g} m" for at in places)), rows)
-
-
-def _text(value: float) -> str:
-    return "not defined" if np.isnan(value) else _PLAIN.number(value + 0.0)
+        return statistics_table(None, (), columns)
+    heads = ("", *(f"z = {record.levels[at]:.4g} m" for at in places))
+    return statistics_table(None, heads, columns)
 
 
 def _extent(record: FilledRecord, start: np.datetime64 | None, middle: int) -> list[str]:

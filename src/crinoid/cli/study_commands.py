@@ -7,34 +7,7 @@ from typing import Any
 
 from crinoid.cli.command import stop
 from crinoid.cli.interruption import Loading
-from crinoid.scenario import Scenario, ScenarioText, got, one_of, refusal, shown
-from crinoid.scenario.control import KINDS
-from crinoid.scenario.kinds import installed
-
-
-def compare(
-    scenario: Scenario, controllers: str, seeds: int, first_seed: int, folder: Path, *, force: bool
-) -> str:
-    """Compare controllers over several seeds."""
-    kinds, every = _kinds_of(controllers), range(first_seed, first_seed + seeds)
-    with Loading():
-        from crinoid.cli.compare import compare_controllers
-
-    return compare_controllers(scenario, kinds, every, folder, force=force)
-
-
-def _kinds_of(text: str) -> list[str]:
-    """Return the kinds of controllers in a list with commas."""
-    kinds = [kind.strip() for kind in text.split(",")]
-    known = [kind for kind in (*KINDS, *installed("controllers")) if kind != "custom"]
-    for kind in kinds:
-        if kind not in known:
-            text = got(kind, f"be {one_of(known)}, separated by commas")
-            raise refusal("--controllers", text)
-        if kinds.count(kind) > 1:
-            text = f"got {shown(kind)} twice; must name each controller once"
-            raise refusal("--controllers", text)
-    return kinds
+from crinoid.scenario import Scenario, ScenarioText, refusal
 
 
 def identify(

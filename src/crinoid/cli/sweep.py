@@ -40,13 +40,12 @@ from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
-from crinoid.studies.sweep.store import SweepStore, has_zarr
+from crinoid.studies.sweep.store import SweepStore
 
 _MOST_TRIED = 1000
 """Values of a key that are tried before a sweep starts."""
 _MOST_TOLD = 100
 """Structures whose implausible values are reported."""
-_NO_ZARR = ("Zarr is not installed (pip install 'crinoid[sweep]'): the study is a netCDF file",)
 _ONE_THREAD = ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that keep XLA and linear algebra of a worker to one thread."""
 _LONGEST = 10.0
@@ -68,16 +67,16 @@ class WorkerOptions(NamedTuple):
 
 
 def open_pool(options: WorkerOptions) -> WorkerPool:
-    """Start workers, or find those of a scheduler; without dask.distributed they are processes."""
+    """Start processes of this machine, or find the workers of a scheduler."""
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
     from crinoid.studies.sweep.workers import Cluster, Processes
 
+    if options.scheduler is None:
+        return Processes(options.number)
     try:
-        return Cluster(options.number, options.scheduler)
+        return Cluster(options.scheduler)
     except ImportError:
-        if options.scheduler is None:
-            return Processes(options.number)
         text = "needs dask.distributed: pip install 'crinoid[sweep]'"
         raise refusal("--scheduler", text) from None
     except WorkerPoolError as error:
@@ -137,8 +136,7 @@ def run_sweep(
                 return f"{error}; {_saved(plan, done)}"
     numbers = {name: data[name].values for name in measures_of(plan.scenario)}
     means = SeedTables(plan, range(1, plan.runs + 1), numbers)
-    notes = () if has_zarr() else _NO_ZARR
-    say_written([*files, *means.show(sweep_table(data, shares), folder, notes)])
+    say_written([*files, *means.show(sweep_table(data, shares), folder)])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():
         for word, at in (("best", np.nanargmin(errors)), ("worst", np.nanargmax(errors))):

@@ -7,7 +7,7 @@ import numpy as np
 from rich.table import Table
 
 from crinoid.assembly.description import POLICY, is_policy
-from crinoid.cli.display import new_table, progress_bar, show
+from crinoid.cli.display import new_table, progress_bar
 from crinoid.cli.finding import finding, solvable
 from crinoid.cli.folder import check_own, clear_own
 from crinoid.cli.interruption import Interruption
@@ -63,8 +63,8 @@ def train_policy(
             wrong = f"{Status.INTERRUPTED} after {training.updates} updates"
         notes = [f"{training.lost} stretches could not be run to their end"] * bool(training.lost)
         data = training.dataset(wrong or Status.OK.value)
-        files = found.save(data, {CHECKPOINT: training.save, POLICY: training.write})
-        show(training_table(training), notes, files)
+        files = {CHECKPOINT: training.save, POLICY: training.write}
+        found.show(data, training_table(training), notes=notes, files=files)
     return f"{wrong}; go on with --resume" if stopped else wrong
 
 

@@ -30,6 +30,8 @@ def shares_of_time(plan: SweepDesign, file: Path) -> Float[np.ndarray, " run"]:
             if keys and set(keys) <= set(rows.fieldnames or ()):
                 names, cases = [*keys, SHARE], True
             table = [[float(row[name]) for name in names] for row in rows if cases or alone]
+        if not table and (cases or alone):
+            raise ValueError
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         text = f"{file} must have numbers in columns {' and '.join(map(shown, names))}"
         raise refusal("--weights", text) from error

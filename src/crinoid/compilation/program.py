@@ -146,7 +146,7 @@ class Program(Generic[P, R]):
             key = None
         if key is not None and (found := _load(store, key, count)):
             return found
-        with reported(store.folder):
+        with reported():
             lowered, result = self._lower(leaves, tree)
             known = key is not None
             if key is None:  # the operations tell what classes of the user do

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import System
 from crinoid.elements import AddedMass
 from crinoid.foundation.axes import CHANNELS
+from crinoid.numerics.signals_and_systems import periodograms
 from crinoid.results.chunks import pieces
 from crinoid.results.errors import judged
 from crinoid.results.result import Result
@@ -138,40 +139,30 @@ def limit_cycle(result: Result) -> LimitCycle | None:
     the controlled time. It does not decay and is absent without control; if no run without control
     exists, nothing else may oscillate.
     """
-    scenario = result.scenario
+    scenario, other = result.scenario, result.uncontrolled
     which = np.flatnonzero(controlled(result))
     which = which[which.size // 2 :]
-    if not scenario.control.acts or which.size < 4 * _CYCLES:
+    if which.size < 4 * _CYCLES or (other is None and _driven(scenario)):
         return None
-    if result.uncontrolled is None and _driven(scenario):
+    frequency, variance = _spectrum(result.dataset, which)
+    line = int(np.argmax(variance))
+
+    def in_band(data: xr.Dataset, part: Int[np.ndarray, " time"]) -> float:
+        lines, found = _spectrum(data, part)
+        return float(found[np.abs(lines - frequency[line]) < (_LOBE + 0.5) * lines[0]].sum())
+
+    own = in_band(result.dataset, which)
+    first, second = (in_band(result.dataset, half) for half in np.array_split(which, 2))
+    narrow = line + 1 >= _CYCLES and own >= _NARROW * variance.sum()
+    seen = own >= (_SEEN * scenario.arm.length) ** 2
+    if not (narrow and seen and second >= _LASTING**2 * first):
         return None
-    error, interval = _evenly(result.dataset, which)
-    power = _spectrum(error)
-    total = power[1:].sum()
-    line = int(np.argmax(power[1:])) + 1
-    band = slice(max(1, line - _LOBE), line + _LOBE + 1)
-    own = power[band].sum()
-    amplitude = float(np.sqrt(own))
-    half = error.shape[0] // 2
-    first, second = (
-        _spectrum(part)[max(1, line // 2 - _LOBE) : line // 2 + _LOBE + 1].sum()
-        for part in (error[:half], error[half:])
-    )
-    if (
-        line < _CYCLES
-        or own < _NARROW * total
-        or amplitude < _SEEN * scenario.arm.length
-        or second < _LASTING**2 * first
+    if other is not None and (
+        other.dataset.sizes["time"] <= which[-1]
+        or own < _OVER_UNCONTROLLED**2 * in_band(other.dataset, which)
     ):
         return None
-    if result.uncontrolled is not None:
-        data = result.uncontrolled.dataset
-        if data.sizes["time"] <= which[-1]:
-            return None
-        other = _spectrum(_evenly(data, which)[0])[band].sum()
-        if own < _OVER_UNCONTROLLED**2 * other:
-            return None
-    return LimitCycle(line / (error.shape[0] * interval), amplitude)
+    return LimitCycle(float(frequency[line]), own**0.5)
 
 
 def comparison(result: Result) -> tuple[float, float] | None:
@@ -243,26 +234,19 @@ def _windows(
     return np.array([np.sqrt(np.mean(part**2)) for part in np.array_split(error, _WINDOWS)])
 
 
-def _evenly(data: xr.Dataset, which: np.ndarray) -> tuple[Float[np.ndarray, "time axis"], float]:
-    """Return the tip's error at equidistant times as vectors, and their interval (s)."""
+def _spectrum(
+    data: xr.Dataset, which: Int[np.ndarray, " time"]
+) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, " line"]]:
+    """Return frequencies (Hz) and the variance of the tip's error, without its trend, at each."""
     error = (data["tip_position"] - data["tip_target"]).values[which]
-    time = data["time"].values[which]
-    even = np.linspace(time[0], time[-1], time.size)
-    columns = [np.interp(even, time, column) for column in error.T]
-    return np.stack(columns, axis=1), float(even[1] - even[0])
-
-
-def _spectrum(error: Float[np.ndarray, "time axis"]) -> Float[np.ndarray, " line"]:
-    """Return the variance in each spectral line, through a Hann window without the trend (m2).
-
-    As the periodogram of ``scipy.signal``, whose import lasts half a second.
-    """
-    along = np.linspace(-1.0, 1.0, error.shape[0])[:, None]
-    error = error - error.mean(axis=0)
-    error = error - along * np.sum(along * error, axis=0) / np.sum(along**2)
-    window = np.hanning(error.shape[0])
-    lines = np.fft.rfft(error * window[:, None], axis=0)
-    return 2 * np.sum(np.abs(lines) ** 2, axis=1) / (error.shape[0] * np.sum(window**2))
+    time, share = data["time"].values[which], np.linspace(0.0, 1.0, which.size)
+    even = time[0] + share * np.ptp(time)
+    error = np.stack([np.interp(even, time, column) for column in error.T], axis=1)
+    slope, start = np.polyfit(share, error, 1)
+    error -= np.outer(share, slope) + start
+    density = periodograms(error[:, None], even[1] - even[0], which.size)[0].sum(axis=(1, 2))[1:]
+    frequency = np.fft.rfftfreq(which.size, even[1] - even[0])[1:]
+    return frequency, density * frequency[0]
 
 
 def _driven(scenario: Scenario) -> bool:

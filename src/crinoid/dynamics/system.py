@@ -6,12 +6,11 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from crinoid.actuation import Actuator, Input, followed
 from crinoid.base import Base
-from crinoid.dynamics import modes, resting
+from crinoid.dynamics import resting
 from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripTriggers
@@ -304,47 +303,6 @@ class System(eqx.Module):
     def small_motions(self, state: State, current: Float[Array, " d"]) -> SmallMotions:
         """Return stiffness, damping and mass about ``state``, and in a steady ``current`` (m/s)."""
         return linearise(self.forces, state, current)
-
-    def natural_frequencies(
-        self, state: State, *, count: int = modes.COUNT
-    ) -> Float[np.ndarray, " mode"]:
-        """Return the natural frequencies of small vibrations about ``state`` (Hz), ascending.
-
-        The base is held and damping omitted; 0 for a motion without restoring force. Computed on
-        the host: not for use under a JAX transformation. `crinoid.dynamics.find_modes` has the
-        method and the shapes.
-
-        Parameters
-        ----------
-        state : State
-            An equilibrium.
-        count : int
-            Number of modes.
-
-        Returns
-        -------
-        array (mode)
-            Frequencies (Hz).
-        """
-        bands, lines = eqx.filter_jit(System.linearise)(self, state), None
-        if self.forces.lines is not None or self.forces.far_contacts:
-            lines = eqx.filter_jit(System.influence)(self, state).lines
-        return modes.find_modes(*bands, count, lines).frequency
-
-    def static_jacobian(self, state: State) -> Float[Array, "pose input"]:
-        """Return d(tip)/d(inputs) for inputs that change slowly.
-
-        Parameters
-        ----------
-        state : State
-            An equilibrium.
-
-        Returns
-        -------
-        array (pose, input)
-            In units of the pose (m, rad) over those of `inputs`.
-        """
-        return self.influence(state).static(self.linearise(state)[0])
 
     def influence(self, state: State) -> Influence:
         """Return the influence of the inputs on boundary, loads and tip about a still ``state``."""

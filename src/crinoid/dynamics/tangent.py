@@ -19,15 +19,6 @@ Rows = Float[Array, "_ b"]
 Extra = Float[Array, " p"]
 
 
-def _joined(nodes: Rows, extra: Extra) -> Float[Array, " m"]:
-    return jnp.concatenate([nodes.reshape(-1), extra])
-
-
-def _split(both: Float[Array, " m"], shape: tuple[int, ...]) -> tuple[Rows, Extra]:
-    size = shape[0] * shape[1]
-    return both[:size].reshape(shape), both[size:]
-
-
 class LineStiffness(NamedTuple):
     """Low-rank stiffness of lines, in addition to the bands: ``pull . follow``."""
 
@@ -108,8 +99,9 @@ class Tangent(eqx.Module):
             return apart()
 
         def whole() -> tuple[Rows, Extra]:
-            both = jnp.linalg.solve(self._dense(far), _joined(nodes, extra))
-            return _split(both, nodes.shape)
+            both = jnp.concatenate([nodes.reshape(-1), extra])
+            found = jnp.linalg.solve(self._dense(far), both)
+            return found[: nodes.size].reshape(nodes.shape), found[nodes.size :]
 
         return jax.lax.cond(self.touches, whole, apart)
 

@@ -147,7 +147,7 @@ class Frames(eqx.Module):
             tangent,
             normal / jnp.sqrt(dot(normal, normal))[:, None],
             spin,
-            twist - _at_nodes(spin[2:] - spin[1:-1]),
+            twist - jnp.pad(spin[2:] - spin[1:-1], 1),
         )
 
     def at(self, position: Float[Array, "n b"]) -> Orientation:
@@ -164,7 +164,7 @@ class Frames(eqx.Module):
         )
         facing = 1.0 + dot(self.tangent, tangent)
         lean = cross(tangent, self.tangent) / facing[:, None]
-        return Orientation(director, _at_nodes(twist), lean)
+        return Orientation(director, jnp.pad(twist, 1), lean)
 
     def spin_to(self, end: int, tangent: Float[Array, "3"], director: Float[Array, "3"]) -> Array:
         """Return the spin of the edge ending at a node for a given tangent and director."""
@@ -177,11 +177,6 @@ def tangents(position: Float[Array, "n b"]) -> Float[Array, "n 3"]:
     edge = position[1:, :3] - position[:-1, :3]
     tangent = edge / jnp.sqrt(dot(edge, edge))[:, None]
     return jnp.concatenate([tangent[:1], tangent])
-
-
-def _at_nodes(inner: Float[Array, " inner"]) -> Float[Array, " inner+2"]:
-    """Pad values at inner nodes with zeros at the ends."""
-    return jnp.pad(inner, 1)
 
 
 @jax.custom_jvp

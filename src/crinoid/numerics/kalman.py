@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crinoid.numerics.signals_and_systems import gramian
+
 Matrix = Float[np.ndarray, "_ _"]
 
 _ROUNDS = 100
@@ -20,11 +22,7 @@ def stationary_covariance(move: Matrix, noise: Matrix) -> Matrix:
     A growing motion has none: it counts as one that neither grows nor decays.
     """
     fastest = np.abs(np.linalg.eigvals(move)).max()
-    total, power = noise, move * 0.9999 / max(1.0, fastest)
-    for _ in range(30):
-        total = total + power @ total @ power.T
-        power = power @ power
-    return total
+    return gramian(move * 0.9999 / max(1.0, fastest), noise)
 
 
 class Correction(NamedTuple):

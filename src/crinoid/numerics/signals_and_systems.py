@@ -64,7 +64,7 @@ def spectrum(
     """
     length = min(len(velocity), max(_SHORTEST, 2 * len(velocity) // (_SEGMENTS + 1)))
     while True:
-        windows = _periodograms(velocity, interval, length)
+        windows = periodograms(velocity, interval, length)
         starts = (length - length // 2) * np.arange(len(windows))
         sound = np.ones(starts.size, bool)
         if holes is not None:
@@ -79,7 +79,7 @@ def spectrum(
     return Spectrum(frequency, density, int(sound.sum()), sound.size)
 
 
-def _periodograms(
+def periodograms(
     velocity: Float[np.ndarray, "time place axis"], interval: float, length: int
 ) -> Float[np.ndarray, "window frequency place axis"]:
     """Return the one-sided spectral density of each window, without its mean, under a Hann taper.
@@ -162,8 +162,8 @@ def balanced(
     right, left = basis @ into, out_of @ basis.T
     rest = slice(lasting, size)
     inner, driven, seen = triangle[rest, rest], left[rest] @ B, C @ right[:, rest]
-    reached = _root(_gramian(discount * inner, driven))
-    observed = _root(_gramian(discount * inner.T, seen.T))
+    reached = _root(gramian(discount * inner, driven @ driven.T))
+    observed = _root(gramian(discount * inner.T, seen.T @ seen))
     u, values, vt = np.linalg.svd(observed.T @ reached)
     count = min(most, int(np.sum(values > share * values.max(initial=0.0))))
     scale = 1 / np.sqrt(values[:count])
@@ -210,9 +210,9 @@ def balanced_by_reach(
     return found._replace(C=scale[:, None] * found.C, left=left, right=right), scale
 
 
-def _gramian(A: Matrix, B: Matrix) -> Matrix:
-    """Return the sum of ``A^k B B^T A^kT`` by doubling the number of terms (Smith 1968)."""
-    total = B @ B.T
+def gramian(A: Matrix, first: Matrix) -> Matrix:
+    """Return the sum of ``A^k first A^kT`` by doubling the number of terms (Smith 1968)."""
+    total = first
     for _ in range(_DOUBLINGS):
         more = A @ total @ A.T
         total = total + more

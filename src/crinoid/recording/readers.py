@@ -22,17 +22,6 @@ from crinoid.scenario.kinds import installed, package_of
 _HEAD = 1 << 16
 _NETCDF, _MAGIC = (".nc", ".nc4", ".cdf"), re.compile(rb"CDF|\x89HDF")
 _KNOWN = f"be a CSV or netCDF file ({', '.join((*table.SUFFIXES[:5], '.nc'))}), or a log of ROS"
-_WAYS = {
-    ".xlsx": "pandas.read_excel(file)",
-    ".parquet": "pandas.read_parquet(file)",
-    ".json": "pandas.read_json(file)",
-    ".npy": "pandas.DataFrame(numpy.load(file))",
-    ".mat": "pandas.DataFrame(scipy.io.loadmat(file)[...])",
-    ".grib2": 'xarray.open_dataset(file, engine="cfgrib")',
-    ".tif": 'xarray.open_dataset(file, engine="rasterio")',
-    ".zarr": "xarray.open_zarr(file)",
-}
-"""What reads files of other formats, by their endings."""
 
 
 def read_dataset(file: str) -> xr.Dataset:
@@ -47,23 +36,21 @@ def read_dataset(file: str) -> xr.Dataset:
     """
     path = Path(file)
     try:
-        bag = logs.is_bag(path)
-        if path.exists() and not path.is_file() and not bag:
-            kind = "a folder" if path.is_dir() else "no regular file"
-            raise _other_format(path, kind)
-        head = b""
-        if not bag:
+        head, bag = b"", logs.is_bag(path)
+        readable = bag or path.is_file() or not path.exists()  # a pipe would never end
+        if readable and not bag:
             with path.open("rb") as stream:
                 head = stream.read(_HEAD)
-    except ScenarioError:
-        raise
     except FileNotFoundError:
         raise refusal("file", f"{file}: no such file") from None
     except (OSError, ValueError) as error:  # may not be read, or a name that no file can have
         raise refusal("file", f"{shown(file)} cannot be opened ({reason_of(error)})") from None
+    if not readable:
+        kind = "a folder" if path.is_dir() else "no regular file"
+        raise refusal("file", f"{path.name} is {kind}", _KNOWN)
     read, owner = _chosen(file, head)
     if read is _read_netcdf and path.suffix.lower() not in _NETCDF and not _MAGIC.match(head):
-        raise _other_format(path, "of no format that is read")
+        raise refusal("file", f"{path.name} is of no format that is read", _KNOWN)
     try:
         dataset = read(file)
     except ScenarioError:
@@ -75,15 +62,6 @@ def read_dataset(file: str) -> xr.Dataset:
         text = f"{owner} returns {type(dataset).__name__}"
         raise refusal("file", text, "return an xarray.Dataset")
     return dataset
-
-
-def _other_format(path: Path, kind: str) -> ScenarioError:
-    """Return the refusal of a file or folder of a format that is not read."""
-    way = _WAYS.get(path.suffix.lower(), "pandas.read_csv(file, names=[...], ...)")
-    if path.is_dir() and path.suffix.lower() not in _WAYS:
-        return refusal("file", f"{path.name} is {kind}", _KNOWN)
-    way += '.to_netcdf("a.nc")' if way.startswith("xarray") else '.to_csv("a.csv", index=False)'
-    return refusal("file", f"{path.name} is {kind}", _KNOWN, f"In Python: {way}.")
 
 
 def _chosen(file: str, head: bytes) -> tuple[Any, str]:

@@ -39,27 +39,31 @@ class PlaybackWindow:
     def of(scenario: Scenario, series: Mapping[str, Series]) -> PlaybackWindow:
         """Return the window of a scenario with the series from its files, by key of their table."""
         base, depth = scenario.base, scenario.water.depth
-        dimension = scenario.arm.dimension
-        travel = dict.fromkeys(CHANNELS[dimension], 0.0)
-        for name, channel in base.channels.present.items():
-            travel[name] += max(-channel.limits.low, channel.limits.high)
-        for index, motion in enumerate(base.motion):
-            if isinstance(motion, InFile):
-                ways = np.abs(series[f"base.motion.{index}"].values).max(axis=0)
-                for name, way in zip(motion.moved(dimension), ways, strict=True):
-                    travel[name] += float(way)
-            else:
-                travel[motion.channel] += motion.farthest(scenario.simulation.duration)
         root = base.position[-1]
         tip = root + scenario.arm.length * float(np.sin(np.deg2rad(base.tilt_deg)))
         return PlaybackWindow(
             duration=scenario.simulation.duration,
-            dimension=dimension,
-            reach=_STRETCH * scenario.arm.length
-            + float(np.hypot.reduce([way for name, way in travel.items() if name not in ANGLES])),
+            dimension=scenario.arm.dimension,
+            reach=_STRETCH * scenario.arm.length + base_travel(scenario, series),
             heights=(min(root, tip), max(root, tip)),
             bed=None if depth is None else -depth,
         )
+
+
+def base_travel(scenario: Scenario, series: Mapping[str, Series]) -> float:
+    """Return how far channels and prescribed motions may shift the base (m)."""
+    base, dimension = scenario.base, scenario.arm.dimension
+    travel = dict.fromkeys(CHANNELS[dimension], 0.0)
+    for name, channel in base.channels.present.items():
+        travel[name] += max(-channel.limits.low, channel.limits.high)
+    for index, motion in enumerate(base.motion):
+        if isinstance(motion, InFile):
+            ways = np.abs(series[f"base.motion.{index}"].values).max(axis=0)
+            for name, way in zip(motion.moved(dimension), ways, strict=True):
+                travel[name] += float(way)
+        else:
+            travel[motion.channel] += motion.farthest(scenario.simulation.duration)
+    return float(np.hypot.reduce([way for name, way in travel.items() if name not in ANGLES]))
 
 
 _MEAN_OVER = 600.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection
 from typing import NamedTuple
 
@@ -35,10 +34,6 @@ _TURN = 2 * np.pi + 0.005
 """Largest compass direction (rad)."""
 _ROTATED = ("beam", "inst", "instrument", "xyz", "ship")
 """Frames of an instrument, in which the numbers are no components of the current."""
-_EAST = re.compile(r"degrees?_?(east|E)")
-"""Units of a longitude (CF, section 4.2)."""
-_MAGNETIC = re.compile(r"magnetic(?!.*(declination|variation))", re.IGNORECASE)
-"""Word of an attribute for directions that are not corrected to true north."""
 _STEADY = 1e-3
 """Largest change of levels in time that counts as none (m)."""
 
@@ -71,9 +66,6 @@ class _Source(NamedTuple):
             variable = variable.isel({dimension: 0})
         variable = variable.transpose(*axes.values())
         values = quantity(self.dataset, variable, column, self.remarks)
-        texts = (str(whole.attrs.get(each, "")) for each in ("long_name", "units", "comment"))
-        if _MAGNETIC.search(" ".join([*texts, str(whole.name)])):
-            self.remarks.append(f"{name} counts from magnetic north, and so must heading_deg")
         return component.sign * values.reshape(values.shape[0], -1), whole
 
     def speeds(self, component: Component, key: str) -> Float[np.ndarray, "time level"]:
@@ -154,12 +146,9 @@ def _nearest(dataset: xr.Dataset, dimension: str, place: float) -> int:
     places = np.asarray(axis.values, float)
     low, high = float(places.min()), float(places.max())
     slack = 0.5 * (high - low) / max(1, size - 1)
-    # longitudes count from -180 or from 0
-    east = _EAST.fullmatch(str(axis.attrs.get("units", ""))) is not None
-    for equal in (place + turn for turn in ((0.0, 360.0, -360.0) if east else (0.0,))):
-        if low - slack <= equal <= high + slack:
-            return int(np.argmin(np.abs(places - equal)))
-    raise refusal(key, f"got {place:g}", f"be {low:g} to {high:g}")
+    if not low - slack <= place <= high + slack:
+        raise refusal(key, f"got {place:g}", f"be {low:g} to {high:g}")
+    return int(np.argmin(np.abs(places - place)))
 
 
 def _at_place(dataset: xr.Dataset, flow: MeasuredFlow, names: list[str]) -> xr.Dataset:

@@ -217,17 +217,7 @@ def _motion(motion: FileMotion, scenario: Scenario) -> Series:
     name, turns = motion.value_column or motion.channel, motion.channel in ANGLES
     column = _displacement("value_column", name, turns=turns)
     series = read_series(motion.file, motion.time_column, [column], motion.skip)
-    far = () if turns else _far(name, series.time, series.values[:, 0], scenario.arm.length)
-    return _whole(replace(series, notes=series.notes + far), scenario.simulation.duration)
-
-
-def _far(name: str, time: np.ndarray, shift: np.ndarray, length: float) -> tuple[str, ...]:
-    """Return a note on a shift that is never 0 and starts farther than a length (m) from it."""
-    start = float(np.interp(0.0, time, shift))
-    if abs(start) <= length or np.ptp(np.sign(shift)) > 0:
-        return ()
-    text = f"{name} is {start:.4g} m when the run starts, and the base moves by it"
-    return (f"{text}: subtract it in the file for a motion about base.position",)
+    return _whole(series, scenario.simulation.duration)
 
 
 def _displacement(key: str, name: str, *, turns: bool) -> Column:
@@ -271,8 +261,7 @@ def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
         text = f"the arm has a tilt of {np.rad2deg(base.angles[1]):.0f} degrees while the vessel "
         hint = 'Or set roll to "0", and yaw to "0" or base.pan_deg to 0.'
         raise refusal("columns", f"{text}rolls or pitches", "point less steeply in space", hint)
-    far = _far("heave", series.time, moved["heave"], scenario.arm.length)
-    return replace(series, values=values, notes=series.notes + far)
+    return replace(series, values=values)
 
 
 def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:

@@ -1,7 +1,7 @@
 """Drives of actuators in physical units: pressures, volumes, tensions and lengths."""
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,7 @@ class ActuatorDrive(NamedTuple):
     """Drive of an actuator over time."""
 
     name: str
-    kind: Literal["chamber", "tendon", "actuator"]
+    thread: Chamber | Tendon | None  # None for an actuator that is neither
     unit: str
     """Pa, m3, N or m of chambers and tendons; of other actuators that of their input."""
     state: Float[np.ndarray, " time"]
@@ -43,17 +43,12 @@ def actuator_drives(result: Result) -> list[ActuatorDrive]:
     for name, unit in zip(data["input"].values, data["input_unit"].values, strict=True):
         each = [data[f"actuator_{part}"].sel(input=name).values for part in ("state", "command")]
         thread = named.get(str(name))
-        if thread is None:
-            found.append(ActuatorDrive(str(name), "actuator", str(unit), *each))
-            continue
-        state, command = (thread.largest * part for part in each)
-        unit = _UNITS[thread.largest_key]
-        if isinstance(thread, Chamber):
-            found.append(ActuatorDrive(str(name), "chamber", unit, state, command))
-            continue
-        if unit == "N" and not thread.pair:
-            state = state + thread.pretension
-        found.append(ActuatorDrive(str(name), "tendon", unit, state, command))
+        if thread is not None:
+            unit = _UNITS[thread.largest_key]
+            each = [thread.largest * part for part in each]
+        if isinstance(thread, Tendon) and unit == "N" and not thread.pair:
+            each[0] += thread.pretension
+        found.append(ActuatorDrive(str(name), thread, str(unit), *each))
     return found
 
 

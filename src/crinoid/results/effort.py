@@ -10,6 +10,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.foundation.axes import ANGLES, POSE
+from crinoid.results.drives import actuator_drives
 from crinoid.results.errors import judged, rms, short_way
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
@@ -196,13 +197,9 @@ def largest_pressure(result: Result) -> float | None:
 
     Shares give it where the pressure is set, and ``line_load`` where the volume is.
     """
-    data, chambers = result.dataset, result.scenario.chamber
-    names = result.scenario.thread_names[: len(chambers)]
-    found = [
-        chamber.max_pressure * np.abs(data["actuator_state"].sel(input=name).values).max()
-        for chamber, name in zip(chambers, names, strict=True)
-        if not chamber.lined
-    ]
+    data = result.dataset
+    drives = [each for each in actuator_drives(result) if each.thread is not None]
+    found = [np.abs(each.state).max() for each in drives if each.unit == "Pa"]
     if "line_load" in data:
         fluid = data["line_unit"].values == "Pa"
         found += [load.max() for load in data["line_load"].values[:, fluid].T]

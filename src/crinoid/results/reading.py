@@ -1,26 +1,21 @@
 """Reading of files to draw: of results, and of findings of other commands."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from crinoid.foundation.axes import AXES
 from crinoid.results.chunks import pieces
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import UNCONTROLLED, Result
+from crinoid.results.result_checks import fault_of
 from crinoid.results.scene.data import LARGEST, find_obstacles, shaped
 from crinoid.results.stream import open_lazily
 
-# required of a result; without any other variable a figure omits its panel
-_REQUIRED = {
-    "position": ("time", "node", "axis"),
-    "tip_position": ("time", "axis"),
-    "tip_target": ("time", "axis"),
-    "tip_error": ("time",),
-}
+_DRAWN = ("position", "tip_position", "tip_target", "tip_error")
+"""Variables that drawing needs; without any other a figure omits its panel."""
 
 
 def open_drawable(path: Path, *, lazily: bool = False) -> Result:
@@ -48,7 +43,7 @@ def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             return stored.load()
     except (OSError, RuntimeError, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = next((each for each in error.args if isinstance(each, str)), repr(error))
         raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
 
 
@@ -65,42 +60,22 @@ def load_as(path: Path, kind: str, required: Mapping[str, tuple[str, ...]]) -> x
 
 
 def read_result(
-    path: Path, required: Mapping[str, tuple[str, ...]] = _REQUIRED, *, lazily: bool = False
+    path: Path, required: Sequence[str] = _DRAWN, *, lazily: bool = False
 ) -> xr.Dataset:
-    """Read one result file, with some variables over some dimensions."""
+    """Read one result file, with some variables."""
     if not path.is_file():
         raise ReportError(f"{path}: no such file")
     if path.stat().st_size == 0:
         raise ReportError(f"{path}: the file is empty")
     dataset = load(path, lazily=lazily)
-    if fault := _fault(dataset, required):
-        raise ReportError(f"{path}: {fault}")
+    own = "crinoid_version" in dataset.attrs
+    if own and "position" in required and "position" not in dataset:
+        text = "output.variables left out position, which all figures need"
+        raise ReportError(f"{path}: {text}")
+    obstacles = ["obstacle_position"] if required and "contact_force" in dataset else []
+    if fault := fault_of(dataset, [*required, *obstacles]):
+        raise ReportError(f"{path}: not a result of crinoid, {fault}")
     return dataset
-
-
-def _fault(data: xr.Dataset, required: Mapping[str, tuple[str, ...]]) -> str:
-    """Reason for which a dataset is not a result that can be drawn; empty if it is."""
-    foreign = "not a crinoid result,"
-    if required and "contact_force" in data:
-        required = {**required, "obstacle_position": ("time", "obstacle", "axis")}
-    for name, dims in required.items():
-        if name not in data and "crinoid_version" in data.attrs and name == "position":
-            return "output.variables left out position, which all figures need"
-        if name not in data:
-            return f"{foreign} it has no variable {name!r}"
-        if data[name].dims != dims:
-            return f"{foreign} {name!r} has dimensions {data[name].dims}, not {dims}"
-    for name in ("time", "axis"):
-        if name not in data.coords:
-            return f"{foreign} it has no coordinate {name!r}"
-    if tuple(map(str, data["axis"].values)) not in AXES.values():
-        return f"{foreign} its axes are not labelled x and z, or x, y, z"
-    if data.sizes["time"] == 0:
-        return "the result has no records"
-    time = data["time"].values.astype(float)
-    if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
-        return f"{foreign} its times do not rise"
-    return f"{foreign} the arm has fewer than two nodes" if data.sizes.get("node", 0) < 2 else ""
 
 
 def checked_result(path: Path, *, lazily: bool = False) -> Result:
@@ -111,7 +86,7 @@ def checked_result(path: Path, *, lazily: bool = False) -> Result:
     except (LookupError, ValueError) as error:
         reason = result.readable[1] or str(error).partition("\n")[0]
         text = f"its scenario does not describe its obstacles ({reason})"
-        raise ReportError(f"{path}: not a crinoid result, {text}") from error
+        raise ReportError(f"{path}: not a result of crinoid, {text}") from error
     return result
 
 

@@ -15,7 +15,7 @@ from crinoid.foundation.representation import Represented
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.readable import readable
-from crinoid.results.result_checks import fault_of
+from crinoid.results.result_checks import fault_of_run
 from crinoid.results.result_file import CHECKPOINT, attributes, named_leaves, write_result
 from crinoid.results.stream import (
     check_size,
@@ -312,12 +312,13 @@ def _read(path: Path, lazily: bool) -> Result:
     except FileNotFoundError:
         raise ResultError(f"{path}: no such result") from None
     except Exception as error:  # a file that is broken makes its readers raise anything
-        reason = " ".join(str(error).split()) or type(error).__name__
+        # of an OSError without its number and the name
+        reason = next((each for each in error.args if isinstance(each, str)), repr(error))
         raise ResultError(f"{path}: not a result of crinoid ({reason})") from error
     result = Result(dataset, checkpoint)
     scenario, _ = result.readable
     chosen = scenario is not None and bool(scenario.output.variables)
-    if fault := fault_of(dataset, positions=not chosen):
+    if fault := fault_of_run(dataset, positions=not chosen):
         raise ResultError(f"{path}: not a result of crinoid, {fault}")
     return result
 

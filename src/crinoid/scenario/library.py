@@ -74,6 +74,8 @@ class ScenarioText:
         except ScenarioError as error:
             raise ScenarioError(mistake.under(name) for mistake in error.mistakes) from None
         anchor(document, _FOLDER if built_in else Path(name).absolute().parent)
+        if isinstance(overrides, str):
+            raise refusal("overrides", got(overrides, "be a list of key=value, or a table"))
         if isinstance(overrides, Mapping):
             for key, value in overrides.items():
                 assign(document, key, value)

@@ -57,8 +57,9 @@ def checked_command(
         found = np.array(last)
         for name, value in command.items():
             if name not in names:
+                must = f"be {one_of(names)}" if names else "be left out, as no input can move"
                 add = f"Add a table base.channels.{name}." if name in CHANNELS[3] else ""
-                raise ValueError(f"command: {got(name, f'be {one_of(names)}', add)}")
+                raise ValueError(f"command: {got(name, must, add)}")
             found[names.index(name)] = numbers(f"command.{name}", value, ())
         return found
     return numbers("command", command, (len(names),), inputs_in_words(inputs))

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from operator import attrgetter
 
 import numpy as np
-from jaxtyping import Float
 
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.rule import magnitude, numbers, rule, unusual
-from crinoid.diagnostics.plausibility.table import FAST, LIMP
-from crinoid.foundation.axes import ANGLES as TURNING
+from crinoid.diagnostics.plausibility.table import LIMP
 from crinoid.scenario import (
     DistributedLoad,
     GaussMarkovFlow,
@@ -23,11 +20,12 @@ from crinoid.scenario import (
     TurbulenceFlow,
     shown,
 )
-from crinoid.scenario.base_motion import InFile, Motion, SineMotion, TableMotion, VelocityMotion
 from crinoid.scenario.model import Model, properties_of
 from crinoid.scenario.obstacle import Plane, Seabed
 from crinoid.scenario.quantity import unit_of
 
+_FAST = 5.0
+"""Speed of the fastest tidal currents (m/s)."""
 _ROPE = 150.0
 """Largest force per length times length cubed over EI: it bends over a fifth of the length."""
 _BENDING = {"N": (2, LIMP), "N/m": (3, LIMP), "N m": (1, 20.0)}
@@ -62,8 +60,8 @@ def _radians(facts: Facts) -> Iterator[str]:
 @rule("flow", limit="up to 5 m/s each")
 def _flow_speed(facts: Facts) -> Iterator[str]:
     for index, speed in facts.speeds.items():
-        if speed > FAST:
-            got, usual = f"a flow of up to {speed:.3g} m/s", f"up to {FAST:g} m/s"
+        if speed > _FAST:
+            got, usual = f"a flow of up to {speed:.3g} m/s", f"up to {_FAST:g} m/s"
             yield unusual(f"flow.{index}", got, usual, "Is it in cm/s or mm/s?")
 
 
@@ -91,43 +89,6 @@ def _base_height(facts: Facts) -> Iterator[str]:
             f"{got}; the arm reaches z = {tip:.3g} m, through the bed at z = {-depth:g} m "
             "(water.depth). Add an [[obstacle]] of kind plane or seabed."
         )
-
-
-@rule("base.motion.*", limit="up to 5 m/s, of the base or of the tip of a stiff arm")
-def _base_motion(facts: Facts) -> Iterator[str]:
-    for index, motion in enumerate(facts.scenario.base.motion):
-        found = f"base.motion.{index}"
-        for key, channel, speed in _speeds(facts, found, motion):
-            turns = channel in TURNING
-            most = speed * (facts.length if turns else 1.0)
-            if most > FAST:
-                where = "tip of a stiff arm" if turns else "base"
-                value = f"{shown(getattr(motion, key))} (speed of the {where} = {most:.3g} m/s)"
-                hint = "Are lengths in m, angles in degrees and times in s?"
-                yield unusual(f"{found}.{key}", value, f"up to {FAST:g} m/s", hint)
-
-
-def _speeds(facts: Facts, found: str, motion: Motion) -> Iterator[tuple[str, str, float]]:
-    """Yield the key of a motion to blame, a channel that it moves, and its largest speed (SI)."""
-    if isinstance(motion, InFile):
-        time, values = facts.prepared.series[found].during(facts.scenario.simulation.duration)
-        for name, column in zip(motion.moved(facts.scenario.arm.dimension), values.T, strict=True):
-            yield "file", name, _steepest(time, column)
-        return
-    suffix = "_deg" if motion.channel in TURNING else ""
-    match motion:
-        case TableMotion():
-            steepest = _steepest(np.array(motion.time), np.array(motion.value_si))
-            yield f"value{suffix}", motion.channel, steepest
-        case SineMotion():
-            speed = abs(motion.amplitude_si) * 2 * math.pi * motion.frequency_hz
-            yield f"amplitude{suffix}", motion.channel, speed
-        case VelocityMotion():
-            yield f"velocity{suffix}", motion.channel, abs(motion.velocity_si)
-
-
-def _steepest(time: Float[np.ndarray, " point"], value: Float[np.ndarray, " point"]) -> float:
-    return float(np.abs(np.diff(value) / np.diff(time)).max())
 
 
 @rule(
@@ -185,7 +146,7 @@ def _limp(facts: Facts) -> Iterator[str]:
     weight = water.gravity * float((facts.mass - facts.displaced).mean())
     drag = 0.5 * water.density * water.drag_normal * facts.diameter * facts.current**2
     loads = {"weight in water": abs(weight)}
-    if facts.current < 2 * FAST:  # faster water has a note already
+    if facts.current < 2 * _FAST:  # faster water has a note already
         loads["drag"] = drag
     bending = float(facts.bending.min())
     key, value = "arm.youngs_modulus", f"{facts.scenario.arm.youngs_modulus:g} Pa"
@@ -231,27 +192,17 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
             case TurbulenceFlow():
                 yield f"the passing of an eddy of {name}", flow.length_scale / facts.current, 8
     for table in ("flow", "load", "base.motion"):
-        for index, each in enumerate(attrgetter(table)(scenario)):
-            if ramp := getattr(each, "ramp_time", 0.0):
-                yield f"the ramp of {table}.{index}", ramp, 4
         for key, unit, power in (("frequency_hz", "Hz", -1), ("period", "s", 1)):
             for found, value, each in numbers(scenario, f"{table}.*.{key}"):
                 if _unit(each, key) == unit and magnitude(value):
                     yield found.removesuffix(f".{key}"), magnitude(value) ** power, 8
-    for index, obstacle in enumerate(scenario.obstacle):
-        if hasattr(obstacle, "radius") and obstacle.velocity != "flow":
-            speed = math.hypot(*obstacle.velocity)
-            size = 2 * obstacle.radius + facts.diameter
-            if speed:
-                yield f"the passing of obstacle.{index}", size / speed, 4
 
 
 @rule(
     "simulation.time_step",
     limit="8 time steps to the period of the second bending mode, of the target, of sines, "
     "gusts and loads and to the passing of an eddy, 16 to the peak period of waves, 4 to a period "
-    "at a driven servo's bandwidth, to a ramp and to the passing of an obstacle, 3 to a "
-    "correlation time",
+    "at a driven servo's bandwidth, 3 to a correlation time",
 )
 def _time_step(facts: Facts) -> Iterator[str]:
     step = facts.scenario.simulation.time_step
@@ -262,4 +213,4 @@ def _time_step(facts: Facts) -> Iterator[str]:
         yield unusual("simulation.time_step", value, f"{steps:g} or more", hint)
 
 
-CHECKS = (_radians, _base_height, _flow_speed, _base_motion, _loads, _limp, _time_step)
+CHECKS = (_radians, _base_height, _flow_speed, _loads, _limp, _time_step)

@@ -10,8 +10,6 @@ from crinoid.diagnostics.plausibility.rule import range_rule
 from crinoid.scenario import SurfaceWaves, TurbulenceFlow
 
 INF = math.inf
-FAST = 5.0
-"""Speed of the fastest tidal currents, and largest usual one of a base (m/s)."""
 LIMP = 500.0
 """Largest force times length squared over EI; of a force per length, times length cubed."""
 _WAVES = "flow.*.significant_height, flow.*.height"
@@ -26,11 +24,6 @@ def _density(facts: Facts, *_: Any) -> float | None:
     round_area = math.pi * (facts.diameter / 2) ** 2
     area = float(facts.displaced.max()) / water if water else round_area
     return float(facts.mass.max()) / area if area else None
-
-
-def _turn(facts: Facts, curvature: Any, _: Any) -> float:
-    bend = math.hypot(*curvature[:2]) if isinstance(curvature, tuple) else abs(curvature)
-    return math.degrees(bend * facts.edge)
 
 
 def _breaking(facts: Facts, height: Any, flow: Any) -> float | None:
@@ -51,12 +44,6 @@ def _below_troughs(facts: Facts, height: Any, flow: Any) -> float | None:
 def _time_left(facts: Facts, value: Any, _: Any) -> float:
     start = value[0] if isinstance(value, tuple) else value
     return facts.scenario.simulation.duration - float(start)
-
-
-def _half_strength(facts: Facts, time: Any, table: Any) -> float | None:
-    """Return the time from half the strength to the end of a run (s)."""
-    duration, start = facts.scenario.simulation.duration, table.start or 0.0
-    return None if start >= duration else duration - (start + 0.5 * time)
 
 
 def _tool_weight(facts: Facts, mass: Any, tool: Any) -> float:
@@ -85,17 +72,12 @@ RANGES = (
                below="Is it in km?", above="Is it in mm?"),
     range_rule("arm.youngs_modulus", 1e3, 1e12, "Pa", below="Is it in kPa, MPa or GPa?",
                above="No material is as stiff."),
-    range_rule("arm.rest_curvature", 0.0, 30.0, "1/m", quantity="turn from edge to edge",
-               quantity_unit="degrees", of=_turn, above="Is it in degrees/m? Or raise arm.nodes."),
     range_rule("water.density", 600.0, 1400.0, "kg/m3", quantity="density outside of air",
                quantity_unit="kg/m3", limit="0, air (1.1 to 1.4) or 600 to 1400 kg/m3",
                of=lambda facts, value, _: value if facts.wet else None,
                below="Is it in g/cm3? Air has 1.2.", above="No water is as dense."),
     range_rule("water.kinematic_viscosity", 1e-7, 1e-2, "m2/s", above="Is it in mm2/s (cSt)?"),
     range_rule("water.gravity", 1.5, 30.0, "m/s2", below="Is it in g?", above="Is it in cm/s2?"),
-    range_rule("water.depth", 0.1, 11e3, "m", below="Is it in km?", above="No sea is as deep."),
-    range_rule("base.position", -INF, 6e3, "m", quantity="depth of the base", quantity_unit="m",
-               limit="up to 6000 m", of=lambda facts, value, _: -value[-1], above="Is it in mm?"),
     range_rule("base.channels.*.range", 0.01, 10.0, "m", quantity="travel / arm.length",
                of=lambda facts, value, _: (value[1] - value[0]) / facts.length,
                below="Is it in km?", above="Is it in mm?"),
@@ -107,8 +89,6 @@ RANGES = (
     range_rule("base.channels.*.max_speed_deg", 4.0, 5e3, "degrees/s", below="Is it in rad/s?"),
     range_rule("base.channels.*.max_acceleration_deg", 15.0, 1e6, "degrees/s2",
                below="Is it in rad/s2?"),
-    range_rule("base.channels.*.bandwidth_hz", 0.05, 500.0, "Hz"),
-    # eddies below this are not the same all across the arm, as its drag assumes
     range_rule("flow.*.length_scale", 2.0, 5e3, "m", quantity="length_scale / diameter",
                of=lambda facts, value, flow: value / facts.diameter
                if isinstance(flow, TurbulenceFlow) and facts.diameter else None,
@@ -123,14 +103,8 @@ RANGES = (
     range_rule(_STARTS, math.ulp(0.0), INF, "s", quantity="time left in the run",
                quantity_unit="s", of=_time_left, limit="before the end of the run",
                below="It never starts. Is it in ms?"),
-    range_rule("flow.*.ramp_time, load.*.ramp_time, flow.*.duration, target.ramp_time", 0.0, INF,
-               "s", quantity="time left at half the strength", quantity_unit="s",
-               of=_half_strength, below="The run ends earlier. Is it in ms?"),
     range_rule("tool.mass", 0.0, LIMP, "kg", quantity="weight in water times L^2 / EI",
                of=_tool_weight, above="Is it in g, or arm.youngs_modulus in kPa or MPa?"),
-    range_rule("tool.volume", 20.0, 22e3, "m3", quantity="density", quantity_unit="kg/m3",
-               of=lambda facts, value, tool: tool.mass / value if value else None,
-               below="Is it in litres or cm3?", above="Is it in km3?"),
     range_rule("tool.offset, tool.radius", 0.0, 3.0, "m", quantity="size / arm.length",
                of=_over_length, above="Is it in mm?"),
     range_rule("vehicle.mass", 0.5, INF, "kg", quantity="mass / that of the arm",
@@ -146,12 +120,9 @@ RANGES = (
                of=lambda facts, value, vehicle: [
                    (moment / vehicle.mass) ** 0.5
                    for moment in (value if isinstance(value, tuple) else (value,))]),
-    range_rule("obstacle.*.radius", 1e-3, 50.0, "m", quantity="radius / arm.length",
-               of=_over_length, below="Is it in km?", above="That is a wall. Is it in mm?"),
     range_rule("obstacle.*.mass", 20.0, 12e3, "kg", quantity="density", quantity_unit="kg/m3",
                of=lambda facts, value, body: value / body.volume,
                below="Is it in t?", above="Is it in g?"),
-    range_rule("obstacle.*.velocity", 0.0, FAST, "m/s", above="Is it in cm/s or mm/s?"),
     range_rule("sensor.noise_position", 0.0, 0.05, "m", quantity="noise / arm.length",
                of=_over_length, above="Is it in mm?"),
     range_rule("sensor.delay", 0.0, 1.0, "s", quantity="delay / first period",
@@ -161,11 +132,6 @@ RANGES = (
     range_rule("arm.damping_time", 0.0, 1.0, "s", quantity="damping_time / first period",
                of=lambda facts, value, _: value / facts.period,
                above="The arm creeps back instead of swinging. Is it in ms?"),
-    range_rule("output.interval", 0.0, 0.25, "s", quantity="interval / first period",
-               of=lambda facts, value, _: facts.scenario.output_interval / facts.period,
-               above="Fewer than 4 instants in a period show no vibration."),
-    range_rule("simulation.time_step", 0.0, 1e6, "s", quantity="time steps in the run",
-               of=lambda facts, _, simulation: simulation.steps, above="Use a larger one."),
 )
 """Ranges of single numbers, and of those next to the arm's size, stiffness and period."""
 # fmt: on

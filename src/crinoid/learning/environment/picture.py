@@ -22,7 +22,7 @@ from crinoid.simulation import LoopState
 from crinoid.simulation.chunk import one_instant, record
 from crinoid.simulation.conclusion import dataset_builder
 from crinoid.view.film.camera import FilmSettings, cloud_of
-from crinoid.view.film.picture import Picture, film_style
+from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
 
 SIZE = (640, 480)
@@ -55,10 +55,9 @@ class EpisodePainter:
         """Draw an instant; ``rate`` is the rate of the pictures (1/s)."""
         time = float(now.state.time)
         shot, reel = CameraSettings(colour="none"), FilmSettings(SIZE, rate, 1.0, np.array([time]))
-        with film_style():
-            title = str(self._about["title"])
-            picture = Picture(self._at_one_scale(now), shot, reel, title, "", self._cloud)
-            return np.ascontiguousarray(picture.at(time)[..., :3])
+        title = str(self._about["title"])
+        picture = Picture(self._at_one_scale(now), shot, reel, title, "", self._cloud)
+        return np.ascontiguousarray(picture.at(time)[..., :3])
 
     def _at_one_scale(self, now: LoopState) -> Scene:
         """Return an instant, its arrows of the water at the scale of the whole episode."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -58,27 +56,23 @@ def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
     return data.assign_coords(ordered).assign_attrs(about)
 
 
+def _write(path: Path, data: xr.Dataset) -> None:
+    with atomic_write(path) as temporary:
+        data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
+
+
 _BATCHES = "batches"
-_ZARR, _NETCDF = "study.zarr", "study.nc"
+_STUDY = "study.nc"
 _DIGITS = 5
 _COMBINED = {"units": "year", "long_name": "fatigue life over the shares of time of all runs"}
 _SHARE = {"units": "1", "long_name": "share of time of the run"}
 
 
-def has_zarr() -> bool:
-    """Return whether Zarr is installed."""
-    try:
-        import zarr  # noqa: F401
-    except ImportError:
-        return False
-    return True
-
-
 class SweepStore:
     """Files of a sweep in its folder.
 
-    Every one except the study itself is written under another name and renamed once it is
-    complete. All methods raise `OSError` if a file cannot be read or written.
+    Each is written under another name and renamed once it is complete. All methods
+    raise `OSError` if a file cannot be read or written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -86,7 +80,7 @@ class SweepStore:
 
     def files(self) -> list[str]:
         """Return the names of the files of a sweep or of another study that are there."""
-        names = (PLAN, _BATCHES, _ZARR, _NETCDF, CASES, MEANS)
+        names = (PLAN, _BATCHES, _STUDY, CASES, MEANS)
         return [name for name in names if (self.folder / name).exists()]
 
     def start(self, plan: SweepDesign) -> None:
@@ -101,10 +95,8 @@ class SweepStore:
 
     def tidy(self) -> None:
         """Remove unfinished files of a sweep that was killed."""
-        for name in (PLAN, CASES, MEANS, _NETCDF, f"{_BATCHES}/*.nc"):
+        for name in (PLAN, CASES, MEANS, _STUDY, f"{_BATCHES}/*.nc"):
             remove_unfinished(self.folder / name)
-        for path in self.folder.glob(f".{_ZARR}.*"):
-            shutil.rmtree(path, ignore_errors=True)
 
     def finished(self, plan: SweepDesign) -> set[int]:
         """Return the numbers of the batches whose files are complete and of these runs."""
@@ -127,8 +119,7 @@ class SweepStore:
         status, found = np.array([arm.status for arm in arms], object), [arm.taken for arm in arms]
         data = tabulated(("run",), found, status, measures_of(plan.scenario))
         data = data.assign_coords(run=_numbered(batch.runs))
-        with atomic_write(self._path(number)) as temporary:
-            data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
+        _write(self._path(number), data)
 
     def collect(
         self, plan: SweepDesign, shares: Float[np.ndarray, " run"] | None = None
@@ -144,15 +135,8 @@ class SweepStore:
             data = data.assign(combined_life=((), life, _COMBINED))
             data = data.assign_coords(share_of_time=("run", shares, _SHARE))
         self._remove_study()
-        path = self.folder / (_ZARR if has_zarr() else _NETCDF)
-        if has_zarr():
-            temporary = Path(tempfile.mkdtemp(prefix=f".{_ZARR}.", dir=self.folder))
-            data.to_zarr(temporary, mode="w", zarr_format=3, consolidated=False)
-            temporary.chmod(self.folder.stat().st_mode & 0o777)
-            temporary.rename(path)
-        else:
-            with atomic_write(path) as temporary:
-                data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
+        path = self.folder / _STUDY
+        _write(path, data)
         registry = measures_of(plan.scenario)
         columns = data[[*registry, "status"]].reset_coords(drop=True)
         rows = enumerate(records(columns.to_dataframe()), start=1)
@@ -161,9 +145,7 @@ class SweepStore:
         return data, [path, self.folder / CASES]
 
     def _remove_study(self) -> None:
-        if (self.folder / _ZARR).is_dir():
-            shutil.rmtree(self.folder / _ZARR)
-        for name in (_NETCDF, CASES, MEANS):
+        for name in (_STUDY, CASES, MEANS):
             (self.folder / name).unlink(missing_ok=True)
 
     def _path(self, number: int) -> Path:

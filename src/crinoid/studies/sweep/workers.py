@@ -6,23 +6,18 @@ import gc
 import logging
 import multiprocessing
 import os
-import signal
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
-from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from crinoid.foundation.child_processes import signals_blocked
 from crinoid.studies.sweep.engine import DIED, BatchFuture, Work, WorkerPoolError, perform
-
-if TYPE_CHECKING:
-    import distributed
 
 _MOST_STILLBORN = 3
 """Workers that may die before they are ready."""
@@ -32,23 +27,6 @@ _ANSWER = 15.0
 """Time that a scheduler has to answer (s)."""
 _LOOK = 1.0
 """Time between two looks at the workers of a scheduler (s)."""
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Keep Ctrl-C and the end of the terminal from processes and threads that start meanwhile.
-
-    They reach all programs of a terminal; only the sweep itself is to answer them, afterwards.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    resource_tracker.ensure_running()  # which would end by unblocking the signals
-    earlier = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, earlier)
 
 
 class _Context(SpawnContext):  # a fork of JAX's threads may hang
@@ -137,7 +115,7 @@ class Processes:
     def _start(self) -> None:
         context = _Context()
         executor = ProcessPoolExecutor(1, context, _leave_with_parent)
-        with _signals_blocked():
+        with signals_blocked():
             ready = executor.submit(_get_ready)
         self._all[next(self._names)] = _Worker(executor, context.process, ready, ready)
 
@@ -173,29 +151,19 @@ def _leave_with_parent() -> None:
 
 
 class Cluster:
-    """Workers of dask.distributed, on this machine or those of the scheduler at an address."""
+    """Workers of the scheduler of dask.distributed at an address."""
 
-    def __init__(self, number: int = 1, address: str | None = None) -> None:
+    def __init__(self, address: str) -> None:
         import distributed
 
-        self._own: distributed.LocalCluster | None = None
-        self._address = address or "this machine"
+        self._address = address
         self._known: dict[str, int] = {}
         self._looked = 0.0
         self._abandoned: set[str] = set()
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # reported here
-        with _signals_blocked():
-            if address is None:
-                self._own = distributed.LocalCluster(
-                    n_workers=number,
-                    threads_per_worker=1,
-                    dashboard_address="127.0.0.1:0",  # any free port: several sweeps may run
-                    silence_logs=logging.CRITICAL,
-                )
+        with signals_blocked():
             try:
-                self._client = distributed.Client(
-                    self._own or address, timeout=_ANSWER, set_as_default=False
-                )
+                self._client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
             except (OSError, ValueError, TypeError) as error:
                 text = " ".join(str(error).split())
                 raise WorkerPoolError(f"no scheduler answers at {address} ({text})") from error
@@ -233,12 +201,9 @@ class Cluster:
             self._client.restart_workers([worker], timeout=_ANSWER, raise_for_error=False)
 
     def close(self) -> None:
-        """End the workers of this machine, and leave those of a scheduler alone."""
+        """Leave the scheduler, and its workers alone."""
         with suppress(Exception):  # it may be gone already
             self._client.close(timeout=_ANSWER)
-        if self._own is not None:
-            with suppress(Exception):
-                self._own.close(timeout=_ANSWER)
 
     def _require(self) -> None:
         if self._client.status != "running":

@@ -45,8 +45,8 @@ def write_export(
     to
         ``"csv"`` and ``"xlsx"`` are tables: a column for each part of a variable, a row for each
         instant. ``"vtkhdf"`` has the arm as a line with its variables, and rigid bodies as
-        surfaces; ``"gltf"`` and ``"usd"`` are animations, ``"mcap"`` is a log of ROS 2 with a
-        layout of Foxglove. ``"onnx"`` is a graph that is called once in each control period.
+        surfaces; ``"gltf"`` and ``"usd"`` are animations, ``"mcap"`` is a log of ROS 2.
+        ``"onnx"`` is a graph that is called once in each control period.
     variables
         Of a table: names of variables over time; all that are not along the arm by default.
     nodes

@@ -36,12 +36,7 @@ FORMATS = {
         (".xlsx",), "table", "workbook:write_xlsx", ("XLSX", "export", "xlsxwriter"), _ROWS
     ),
     "gltf": Format((".glb",), "shapes", "gltf:write_gltf", ("glTF", "export", "pygltflib")),
-    "mcap": Format(
-        (".mcap", ".foxglove.json"),
-        "shapes",
-        "foxglove:write_mcap",
-        ("MCAP", "ros", "mcap_ros2", "rosbags"),
-    ),
+    "mcap": Format((".mcap",), "shapes", "ros:write_mcap", ("MCAP", "ros", "mcap_ros2", "rosbags")),
     "usd": Format((".usda",), "shapes", "usd:write_usd", ("USD", "usd", "pxr")),
     "onnx": Format((".onnx",), "policy", "network:write_onnx", ("ONNX", "export", "onnx")),
     "fmu": Format((".fmu",), "scenario", "fmu:write_fmu"),

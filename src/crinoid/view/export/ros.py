@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from heapq import merge
 from operator import itemgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from crinoid.results.scene.data import in_space
 from crinoid.results.scene.mesh import Rotations, look_rotation, quaternions
 from crinoid.results.scene.mount import Path as Places
 from crinoid.results.scene.scene import Keyframes, Scene
-from crinoid.view.export.source import Report, Shapes
+from crinoid.view.export.source import Files, Report, Shapes
 
 WORLD, BASE, TIP, VEHICLE = "world", "base", "tip", "vehicle"
 """Frames of reference; z of the world is up."""
@@ -39,8 +38,9 @@ Messages = Iterator[tuple[int, str, str, Message]]
 """Times (ns), topics, types and messages."""
 
 
-def write_log(source: Shapes, path: Path, report: Report) -> None:
+def write_mcap(source: Shapes, files: Files, report: Report) -> list[str]:
     """Write the messages of a run in the order of their times, seconds since its start."""
+    (path,) = files
     run, data = source.run, _small(source.data, source.run)
     stamps = _nanoseconds(run.time)
     parts = [
@@ -56,6 +56,7 @@ def write_log(source: Shapes, path: Path, report: Report) -> None:
                 text, _ = types.generate_msgdef(kind, ros_version=2)
                 schemas[kind] = writer.register_msgdef(kind, text)
             writer.write_message(topic, schemas[kind], message, time)
+    return []
 
 
 def _small(data: xr.Dataset, run: Keyframes) -> xr.Dataset:
@@ -70,7 +71,7 @@ def _small(data: xr.Dataset, run: Keyframes) -> xr.Dataset:
 def _poses(data: xr.Dataset, run: Keyframes, stamps: Stamps, turn: Rotations) -> list[Messages]:
     """Return frames, poses of the tip and of its target, loads on the base, and currents."""
     aside, root, base = turn[:, -1, :, 1], run.position[:, 0], turn[:, 0]
-    there, found = topics_of(data), []
+    there, found = _topics_of(data), []
     frames = {BASE: (root, base)}
     if "/tip/pose" in there:
         frames[TIP] = in_space(data, "tip_position"), _pointing(data, "", aside)
@@ -107,7 +108,7 @@ _GEOMETRY = {
 """Variables of each topic of geometry; in space directions replace angles."""
 
 
-def topics_of(data: xr.Dataset) -> set[str]:
+def _topics_of(data: xr.Dataset) -> set[str]:
     """Return the topics of geometry whose variables a result has."""
 
     def has(name: str) -> bool:
@@ -141,31 +142,25 @@ _JOINTS = {
 """Variables of each topic of numbers with names, and their dimension of names."""
 
 
-def joints_of(data: xr.Dataset, topic: str) -> list[tuple[str, str, int]]:
-    """Return the variable, name and place of each number of a topic.
+def _joints(data: xr.Dataset, topic: str, stamps: Stamps) -> Messages:
+    """Yield numbers of inputs or readings with their names.
 
     Channels that stay put are left out, and commands where there is no controller.
     """
     if topic == "/commands" and not Result(data).known_scenario.control.acts:
-        return []
-    found = []
+        return
+    names: list[str] = []
+    parts = []
     for variable, dim in _JOINTS[topic].items():
         if variable in data:
-            moves = np.ones(data.sizes[dim], bool)
+            part = data[variable].transpose("time", dim)
             if dim == "channel":
-                moves = (data["channel_lower"] < data["channel_upper"]).values
-            names = map(str, data[dim].values)
-            found += [(variable, name, k) for k, name in enumerate(names) if moves[k]]
-    return found
-
-
-def _joints(data: xr.Dataset, topic: str, stamps: Stamps) -> Messages:
-    """Yield numbers of inputs or readings with their names."""
-    joints = joints_of(data, topic)
-    if not joints:
+                part = part.isel(channel=(data["channel_lower"] < data["channel_upper"]).values)
+            names += map(str, part[dim].values)
+            parts.append(part.values)
+    if not names:
         return
-    columns = [data[variable].transpose("time", ...).values[:, k] for variable, _, k in joints]
-    rows, names = np.stack(columns, axis=1).astype(float), [name for _, name, _ in joints]
+    rows = np.concatenate(parts, axis=1).astype(float)
     if topic == "/commands":
         # a result has the command of a time step at its end; before the start there is none
         step = Result(data).known_scenario.simulation.time_step

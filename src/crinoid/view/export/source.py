@@ -48,7 +48,7 @@ class Source:
         other = self.path.with_name(UNCONTROLLED)
         if self.path.name != RESULT or not other.is_file():
             return Result(self.data)
-        return Result(self.data, uncontrolled=Result(read_result(other, {}, lazily=True)))
+        return Result(self.data, uncontrolled=Result(read_result(other, (), lazily=True)))
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -128,7 +128,7 @@ def open_source(
         return PolicySource(path)
     if form.accepts == "shapes":
         return _open_shapes(path, most, form.nodes)
-    data = read_result(path, {}, lazily=True)
+    data = read_result(path, (), lazily=True)
     records = even_indices(data.sizes["time"], most)
     notes = _notes(data, data.sizes["time"], records.size)
     return Table(path, tuple(notes), data, records, variables, nodes)

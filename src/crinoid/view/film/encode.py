@@ -67,7 +67,7 @@ def write_mp4(
                 frame = frame.reformat(format="yuv420p", dst_colorspace=_BT709)
                 container.mux(stream.encode(frame))
             container.mux(stream.encode())
-    except OSError:  # such as a full disk, which the caller reports
+    except (OSError, ReportError):  # such as a full disk, which the caller reports
         raise
     except (av.FFmpegError, ValueError) as error:
         raise ReportError(f"PyAV cannot write the film ({error})") from error

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
@@ -65,10 +64,9 @@ class FilmPanel:
             axes.add_collection(made, autolim=False)
             return made
 
-        def surfaces(order: float, alpha: float | None = None) -> PolyCollection:
+        def surfaces(order: float, alpha: float = 1.0) -> PolyCollection:
             look: Any = {"linewidths": 0.4, "joinstyle": "round", "zorder": order}
-            if alpha is not None:
-                look |= {"facecolors": to_rgba(_STONE, alpha), "edgecolors": _STONE}
+            look |= {"facecolors": to_rgba(_STONE, alpha), "edgecolors": _STONE}
             made = PolyCollection([], **look)
             axes.add_collection(made, autolim=False)
             return made
@@ -77,18 +75,16 @@ class FilmPanel:
         self.grid = [lines(0.06, 1.1, to_rgba(FAINT, 0.38)) for _ in range(2)]
         self.behind, self.solids, self.glass = lines(0.08, 1.3), surfaces(2.0), surfaces(2.1, 0.25)
         self.trail, self.aim = lines(0.12, 4.0), lines(0.13, 4.1)
-        self._moving: list[Artist] = [
-            *(self.shadow, self.behind, self.solids, self.glass, self.trail, self.aim)
-        ]
         self.water: Any = None
         if (water := scene.members[0].water) is not None:
             look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "minlength": 0.0}
             look |= {"units": "dots", "width": 0.19 * unit, "headwidth": 4.0, "headlength": 6.0}
             nothing = np.zeros((4, len(water.start)))
             self.water = axes.quiver(*nothing, color=WATER, **look)
-            self._moving.append(self.water)
+        still = self.walls, *self.grid  # the backdrop of the axes, above which `draw` draws
+        self._moving = [each for each in axes.collections if each not in still]
         for each in self._moving:
-            each.set_animated(True)  # `draw` draws them, above the backdrop of the axes
+            each.set_animated(True)
         self._backdrop: list[np.ndarray] = []
 
     def draw(self) -> None:
@@ -125,7 +121,7 @@ class FilmPanel:
             self._put_grid(low, high)
         if scene.spatial:
             flat = now.position[0].copy()
-            flat[:, 2] = self._level(low, high)
+            flat[:, 2] = self._level
             self.shadow.set_segments([view.paper(flat)])
         # the travel of each servo that shifts the root
         anchor, attitude = now.mount.anchor[0], now.mount.attitude[0]
@@ -139,21 +135,18 @@ class FilmPanel:
             self._put_water(now, along)
         return fresh
 
-    def _level(self, low: Point, high: Point) -> float:
-        """Return the height of the floor in space, or y of the wall behind a planar arm (m)."""
-        size = self.camera.size
-        return float(low[2] - 0.02 * size if self.scene.spatial else high[1] + 0.1 * size)
-
     def _put_grid(self, low: Point, high: Point) -> None:
         """Draw a grid: a floor in space, a wall behind a planar arm."""
-        size, level = self.camera.size, self._level(low, high)
-        a, b = (0, 1) if self.scene.spatial else (0, 2)
+        size, spatial = self.camera.size, self.scene.spatial
+        # z of the floor, or y of the wall (m)
+        self._level = float(low[2] - 0.02 * size if spatial else high[1] + 0.1 * size)
+        a, b = (0, 1) if spatial else (0, 2)
         room, step = (1.5 if self.camera.flat else 0.3) * size, round_down(size / 6)
         begin = np.floor((low - room) / step) * step
         end = np.ceil((high + room) / step) * step
         for one, other, grid in ((a, b, self.grid[0]), (b, a, self.grid[1])):
             places = np.arange(begin[one], end[one] + step / 2, step)
-            pieces = np.full((len(places), 2, 3), level)
+            pieces = np.full((len(places), 2, 3), self._level)
             pieces[..., one], pieces[..., other] = places[:, None], (begin[other], end[other])
             grid.set_segments(list(self.view.paper(pieces)))
 

@@ -34,7 +34,7 @@ _SPARE = 0.9  # of the width of a title: some lines have wider letters than the 
 
 
 @contextmanager
-def film_style() -> Iterator[None]:
+def _style() -> Iterator[None]:
     """Let all that is drawn meanwhile look as figures do."""
     with mpl.rc_context(STYLE), warnings.catch_warnings():
         # letters of a title that no installed font has become boxes
@@ -215,6 +215,7 @@ class Picture:
     default of the whole run.
     """
 
+    @_style()
     def __init__(
         self,
         scene: Scene,
@@ -262,6 +263,7 @@ class Picture:
         self._frame = frame
         self._digits = 3 if frames.times[-1] - frames.times[0] < 5.0 else 2
 
+    @_style()
     def at(self, time: float) -> Image:
         """Draw a time (s)."""
         times = self._run.time

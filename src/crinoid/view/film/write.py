@@ -1,6 +1,7 @@
 """Film of a result, from its file to an MP4 or GIF."""
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from crinoid.results.result import RESULT, Result
 from crinoid.results.scene.scene import Scene, build_scene, omission_notes
 from crinoid.view.film.camera import FilmSettings, film_settings
 from crinoid.view.film.encode import FILMS, Image, check_place, has_encoder, write_gif, write_mp4
-from crinoid.view.film.picture import Picture, film_style
+from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings, ending_of
 from crinoid.view.film.workers import drawn
 from crinoid.view.refusals import require_path
@@ -47,9 +48,9 @@ def film_run(
     status = "" if run.ended is Status.OK else run.status
     comment = f"{MADE} {__version__}"
     order = scene, settings, frames, run.title, status
-    with film_style(), atomic_write(target) as temporary:
+    with atomic_write(target) as temporary:
         picture = Picture(*order)
-        with drawn(picture, order, frames) as all_pictures:
+        with closing(drawn(picture, order, frames)) as all_pictures:
             pictures = _told(all_pictures, frames, report)
             if ending == ".mp4":
                 write_mp4(temporary, pictures, frames, title=run.title, comment=comment)

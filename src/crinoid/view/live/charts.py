@@ -37,14 +37,16 @@ class LiveCharts:
             unit = drive_unit(drive.unit, max(filter(math.isfinite, ends), default=1.0))
             role = f"part {index / max(1, len(drives) - 1):g}"
             lines.append(("actuators", unit, drive.name, role))
-        panels = dict.fromkeys((label, unit) for label, unit, _, _ in lines)
-        self._order = [i for panel in panels for i, line in enumerate(lines) if line[:2] == panel]
+        panels: dict[tuple[str, Unit], list[int]] = {}
+        for index, line in enumerate(lines):
+            panels.setdefault(line[:2], []).append(index)
+        self._order = [index for some in panels.values() for index in some]
         self._factors = np.array([lines[index][1].factor for index in self._order])
-        none, drawn = np.zeros(2), []
-        for label, unit in panels:
-            some = [line for line in lines if line[:2] == (label, unit)]
-            traces = tuple(Trace(name, none, none, role) for _, _, name, role in some)
-            drawn.append(Panel(label, label, unit, traces))
+        empty = [Trace(name, np.zeros(2), np.zeros(2), role) for _, _, name, role in lines]
+        drawn = [
+            Panel(label, label, unit, tuple(empty[index] for index in some))
+            for (label, unit), some in panels.items()
+        ]
         parts = ("tip", "Tip", drawn[:2]), ("inputs", "Base and actuators", drawn[2:])
         self.charts = [Chart(name, title, tuple(some)) for name, title, some in parts if some]
 

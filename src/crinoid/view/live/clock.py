@@ -29,13 +29,6 @@ class SessionStatus(NamedTuple):
     recording: float | None  # duration of the recording (s)
 
 
-class Message(NamedTuple):
-    """A message for the users of a session."""
-
-    text: str  # one line
-    wrong: bool  # whether it reports a failure
-
-
 Show = Callable[[SessionStatus], None]
 
 
@@ -54,7 +47,7 @@ class RealTimeClock:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._marks: deque[tuple[float, float]] = deque()
         self._batch = 1  # steps of one call: few where each is slow
-        self.message = Message("", False)  # the last message
+        self.message = "", False  # the last one, of one line, and whether it reports a failure
         self.running = True  # whether it runs rather than pauses
         self.viewers = 0  # number of viewers; without any it is at rest
         self.recordings: list[str] = []  # a line for each recording
@@ -83,7 +76,7 @@ class RealTimeClock:
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         """Set the message of the page."""
-        self.message = Message(text, wrong)
+        self.message = text, wrong
 
     def toggle_running(self, session: LiveSession) -> None:
         """Pause or continue."""

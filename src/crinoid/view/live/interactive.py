@@ -276,7 +276,5 @@ class ControlledScenario(NamedTuple):
 
 def kinds_for(scenario: Scenario) -> tuple[str, ...]:
     """Return the kinds of controllers that a scenario can be switched to."""
-    own = scenario.control.kind
-    if not scenario.inputs:
-        return tuple(dict.fromkeys(("none", own)))
-    return tuple(dict.fromkeys((*KINDS, own)))
+    others = KINDS if scenario.inputs else ("none",)
+    return tuple(dict.fromkeys((*others, scenario.control.kind)))

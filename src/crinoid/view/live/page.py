@@ -11,7 +11,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from html import escape
 from http import HTTPStatus
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from websockets.http11 import Request, Response
 from crinoid.foundation.version import __version__
 from crinoid.results.result import Result
 from crinoid.results.scene.scene import REACH
+from crinoid.scenario import refusal
 from crinoid.view.live.charts import SPAN, LiveCharts
 from crinoid.view.live.clock import RealTimeClock, SessionStatus
 from crinoid.view.live.panel import ControlPanel
@@ -29,7 +29,7 @@ from crinoid.view.live.scene import LiveScene
 from crinoid.view.live.session import LiveSession
 from crinoid.view.page import parts
 from crinoid.view.page.plots import plots_of
-from crinoid.view.page.scene import scene_of, still_of
+from crinoid.view.page.scene import animation_texts
 
 _OURS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?", re.IGNORECASE)
 """Names of this machine; any port, as `ssh -L` may forward another one."""
@@ -39,19 +39,10 @@ _LONGEST = 1000  # longest message of a page (bytes)
 _KEYS = "Space pauses. Drag the ring at the target to move it."
 
 
-class PortError(ValueError):
-    """A port that is unavailable."""
-
-
 class Page:
     """A session in browsers until `close`; until then only the page uses the session.
 
     A port of 0 is any free one; ``save`` saves a recording and returns one line with its folder.
-
-    Raises
-    ------
-    PortError
-        If the port is unavailable.
     """
 
     def __init__(self, session: LiveSession, port: int, save: Callable[[Result], str]) -> None:
@@ -168,34 +159,20 @@ class Page:
 
     def html(self) -> str:
         """Return the page as HTML, with the present instant."""
-        scenario, scene = self._scenario, self._scene.scene(self._now, self._start)
-        table, numbers, _ = scene_of(scene)
-        plots = plots_of(self._charts.charts, 0.0, SPAN)
-        time = self._now.time
+        scenario, time = self._scenario, self._now.time
         arm = "arm in space" if scenario.arm.dimension == 3 else "planar arm"
         kind = f"live · {arm} · {scenario.arm.nodes} nodes"
-        said: dict[str, Any] = {
-            "id": self._id,
-            "span": [time, time + SPAN],
-            "times": [time],
-            "scene": table,
-        }
-        said |= {"charts": plots.charts, "ghost": "Start", "reach": REACH, "kind": kind}
-        said["controls"] = [each._asdict() for each in self._panel.controls.values()]
+        table: dict[str, Any] = {"id": self._id, "span": [time, time + SPAN], "kind": kind}
+        table |= {"ghost": "Start", "reach": REACH}
+        table["controls"] = [each._asdict() for each in self._panel.controls.values()]
+        scene = self._scene.scene(self._now, self._start)
+        plots = plots_of(self._charts.charts, 0.0, SPAN)
+        bar = '<div class="bar" id="bar"></div>'
+        texts, _ = animation_texts(scene, plots, bar, _KEYS, table)
         title = scenario.title or "crinoid live"
-        body = Template(parts.read_part("live.html")).substitute(
-            title=escape(title),
-            kind=escape(kind),
-            stage=parts.stage_of(still_of(scene), '<div class="bar" id="bar"></div>', _KEYS),
-            table=parts.json_of(said),
-            document=parts.json_of(plots.document),
-            numbers=numbers,
-            footer=parts.bokeh_credit(),
-        )
+        body = parts.filled("live.html", title=escape(title), kind=escape(kind), **texts)
         scripts = [parts.bokeh_script(), parts.run_script("live")]
-        return parts.html_page(
-            body, scripts, title=title, version=__version__, kind="live", connects=True
-        )
+        return parts.html_page(body, scripts, title=title, version=__version__, kind="live")
 
 
 def check_port(port: int) -> None:
@@ -207,4 +184,5 @@ def check_port(port: int) -> None:
         except OSError as error:
             reason = os.strerror(error.errno or 0)
             hint = "Choose another port, or 0 for any free one."
-            raise PortError(f"got {port}, which is unavailable ({reason}). {hint}") from None
+            subject = f"got {port}, which is unavailable ({reason}). {hint}"
+            raise refusal("--port", subject) from None

@@ -106,7 +106,7 @@ class ControlPanel:
             "record": clock.toggle_recording,
             "throw": LiveSession.throw,
         }
-        self._hit = (0.0, -np.inf)
+        self._touched, self._hit = 0.0, -np.inf
         """Total duration of contact since the start, and time of the last one (s)."""
         self._shown, self._in_time, self._state = -np.inf, time.perf_counter(), (False, False)
         self._told: dict[str, Any] = {}
@@ -148,10 +148,9 @@ class ControlPanel:
     def _look(self, status: SessionStatus) -> None:
         now, frame = time.perf_counter(), status.frame
         # a hit is over between two updates of the numbers
-        if frame.touched > self._hit[0] or frame.touching:
-            self._hit = (frame.touched, frame.time)
-        elif frame.touched < self._hit[0]:
-            self._hit = (frame.touched, -np.inf)
+        if frame.touched != self._touched:
+            self._hit = frame.time if frame.touched > self._touched else -np.inf
+            self._touched = frame.touched
         if not 0 < status.factor < _SLOW:
             self._in_time = now
         # another label of a button is shown without delay
@@ -170,7 +169,7 @@ class ControlPanel:
             f"water {names}": f"{', '.join(f'{part:.3f}' for part in water)} m/s",
         }
         if len(frame.obstacles):
-            numbers["contact"] = "yes" if frame.time - self._hit[1] < _LATELY else "no"
+            numbers["contact"] = "yes" if frame.time - self._hit < _LATELY else "no"
         recorded = f"Stop and save ({status.recording or 0.0:.1f} s)"
         late = now - self._in_time > _LATE
         self._told = {

@@ -50,25 +50,20 @@ class LiveScene:
         self._arrows = arrow_nodes(first.nodes, scenario.arm.length)
         swept = np.concatenate([first.nodes, first.target[None]]) - first.nodes[0]
         mean = first.flow[self._arrows].mean(axis=0)
-        length = scenario.arm.length
-        self._starts = arrow_starts(first.nodes, self._arrows, swept, mean, length)
+        chosen = self._arrows, swept, mean
+        self._starts = arrow_starts(first.nodes, *chosen, scenario.arm.length)
 
     def scene(self, now: Snapshot, start: Snapshot) -> Scene:
-        """Return an instant and the start as a scene, with all that stays fixed on the page.
-
-        The page has numbers of later frames, so the debris is at the arm and any boom has a
-        length: the view is fitted to the one and the size of the other is known.
-        """
+        """Return an instant and the start as a scene, with all that stays fixed on the page."""
         arm, ghost = (self._keyframes(*each) for each in zip(NAMES, (now, start), strict=True))
+        # any boom has a length, so that the page knows its radius
         mount = replace(arm.mount, anchor=arm.mount.anchor + arm.diameter[0])
         obstacles = list(arm.obstacles)
-        if self._parked is not None:
-            here = replace(obstacles[self._parked], path=now.nodes[-1:])
-            obstacles[self._parked] = here
+        if self._parked is not None:  # the view has the debris at the arm, and not far away
+            obstacles[self._parked] = replace(obstacles[self._parked], path=now.nodes[-1:])
         arm = replace(arm, mount=mount, obstacles=tuple(obstacles))
-        ghost = replace(ghost, obstacles=())
-        length = self._scenario.arm.length
-        return Scene(self._spatial, length, len(now.nodes), (arm, ghost))
+        members = arm, replace(ghost, obstacles=())
+        return Scene(self._spatial, self._scenario.arm.length, len(now.nodes), members)
 
     def numbers(self, frame: Snapshot) -> Float[np.ndarray, " number"]:
         """Return the numbers of an instant in the order of `bend` in `live.js`."""

@@ -39,8 +39,7 @@ class Snapshot(NamedTuple):
     error: float  # distance of the tip from the target
     obstacles: Points  # positions of the obstacles, the debris last
     axes: Points  # directions fixed to them, where some are free
-    touching: bool  # whether one of them touches the arm
-    touched: float  # total duration of contact since the start (s)
+    touched: float  # total duration of contact of the arm with them since the start (s)
     holding: bool  # whether the tip carries its tool
     pull: Point  # force of a pull at the tip
     servo: Float[np.ndarray, " channel"]  # positions of the base's servos (m, rad)
@@ -65,7 +64,6 @@ class Snapshot(NamedTuple):
             error=float(np.linalg.norm(apart)),
             obstacles=np.zeros((0, 3)) if places is None else in_three(places),
             axes=np.zeros((0, 3)) if axes_now is None else in_three(axes_now),
-            touching=touch is not None and bool(np.any(np.asarray(touch.in_contact))),
             touched=0.0 if touch is None else float(np.sum(np.asarray(touch.duration))),
             holding=now.held is not None and bool(now.held),
             pull=in_three(pull) if len(pull) else np.zeros(3),

@@ -17,9 +17,9 @@ class Charts {
   add(said, section) {
     const box = make("div", "panel", section), head = make("header", "", box);
     make("span", "label", head, said.unit ? `${said.label} (${said.unit})` : said.label);
-    const save = make("span", "save", head), button = (text, title, act) => Object.assign(make("button", "", save, text), { type: "button", title, onclick: act });
-    button("CSV", "Save the numbers of this chart", () => saved(new Blob([csvOf(panel)], { type: "text/csv" }), `${said.name}.csv`));
-    button("PNG", "Save a picture of this chart", async () => saved(await pictureOf(panel), `${said.name}.png`));
+    const save = make("span", "save", head);
+    pressed(save, "CSV", "Save the numbers of this chart", () => saved(new Blob([csvOf(panel)], { type: "text/csv" }), `${said.name}.csv`));
+    pressed(save, "PNG", "Save a picture of this chart", async () => saved(await pictureOf(panel), `${said.name}.png`));
     const count = said.traces.length + said.rows.length, key = make("span", count > 2 ? "key many" : count > 1 ? "key" : "key one", head);
     const entries = [...said.traces, ...said.rows].map((trace) => {
       const filled = trace.line === "filled"; // one word for all of them
@@ -166,6 +166,7 @@ function csvOf({ said, traces, rows, entries }) {
 
 const FINE = 3; // pixels of a picture for each on the screen
 const LINE_HEIGHT = 17;
+const KEY_WIDTH = 200;
 
 // A picture of a panel with its label, its key and its lower axis, which the page shows once for several panels.
 async function pictureOf({ said, view, entries }) {
@@ -181,24 +182,16 @@ async function pictureOf({ said, view, entries }) {
   image.src = drawing;
   await image.decode();
   const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), style = getComputedStyle(document.body);
-  const named = entries.filter(({ mark }) => mark.isConnected && entries.length > 1), font = `12px ${style.fontFamily}`, places = [];
-  pen.font = font;
-  let [x, y] = [0, LINE_HEIGHT];
-  for (const { name } of named) {
-    const wide = pen.measureText(name).width + 44;
-    if (x && x + wide > width) [x, y] = [0, y + LINE_HEIGHT];
-    places.push([x, y]);
-    x += wide;
-  }
-  const head = y + (named.length ? LINE_HEIGHT : 0) + 4;
+  const named = entries.filter(({ mark }) => mark.isConnected && entries.length > 1), columns = Math.max(1, Math.floor(width / KEY_WIDTH));
+  const head = LINE_HEIGHT * (1 + Math.ceil(named.length / columns)) + 4;
   Object.assign(canvas, { width: FINE * width, height: FINE * (head + height) });
   pen.scale(FINE, FINE);
-  Object.assign(pen, { fillStyle: style.backgroundColor, font, textBaseline: "middle", lineWidth: 2 });
+  Object.assign(pen, { fillStyle: style.backgroundColor, font: `12px ${style.fontFamily}`, textBaseline: "middle", lineWidth: 2 });
   pen.fillRect(0, 0, width, head + height);
   pen.fillStyle = style.color;
   pen.fillText(`${said.unit ? `${said.label} (${said.unit})` : said.label} over ${said.timed ? "time (s)" : "frequency (Hz)"}`, 4, LINE_HEIGHT / 2 + 2);
   named.forEach(({ name, mark }, i) => {
-    const [left, top] = places[i], middle = top + LINE_HEIGHT / 2;
+    const left = KEY_WIDTH * (i % columns), middle = LINE_HEIGHT * (1.5 + Math.floor(i / columns));
     pen.strokeStyle = mark.style.borderTopColor;
     pen.setLineDash(mark.className === "dashed" ? [5, 3] : []);
     pen.stroke(new Path2D(`M${left + 4} ${middle} h18`));

@@ -92,12 +92,7 @@ class Live extends Page {
 
   // An input: its elements, and the function that shows a value of the server.
   input({ name, kind, label, hint, ends: [low, high], options }, parent) {
-    const press = (text, value) => {
-      const button = make("button", "", parent, text);
-      Object.assign(button, { type: "button", title: hint });
-      button.addEventListener("click", () => this.send(name, value));
-      return button;
-    };
+    const press = (text, value) => pressed(parent, text, hint, () => this.send(name, value));
     if (kind === "button") return { parts: [press(label, null)], take: () => {} };
     const row = make("label", kind, parent);
     row.title = hint;
@@ -108,9 +103,7 @@ class Live extends Page {
       return { parts: made, take: () => {} };
     }
     if (kind === "choice") {
-      const select = make("select", "", row);
-      for (const each of options) make("option", "", select, each);
-      select.addEventListener("change", () => this.send(name, select.value));
+      const select = listed(make("select", "", row), options.map((each) => [each, each]), null, (value) => this.send(name, value));
       return { parts: [select], take: (value) => { select.value = value; } };
     }
     const slider = make("input", "", row), shown = make("output", "", row);

@@ -103,17 +103,12 @@ class Page {
   }
 
   controls() {
-    for (const speed of SPEEDS) {
-      const option = make("option", "", this.byId("speed"), `${speed} ×`);
-      option.value = speed;
-      option.selected = speed === this.speed;
-    }
+    listed(this.byId("speed"), SPEEDS.map((speed) => [speed, `${speed} ×`]), this.speed, (value) => { this.speed = Number(value); });
     const scrub = this.byId("scrub");
     Object.assign(scrub, { min: this.begin, max: this.end, value: this.begin, disabled: this.end <= this.begin });
     scrub.addEventListener("input", () => { this.play(false); this.go(Number(scrub.value)); });
     this.byId("play").disabled = this.end <= this.begin;
     this.byId("play").addEventListener("click", () => this.play(!this.playing));
-    this.byId("speed").addEventListener("change", (event) => { this.speed = Number(event.target.value); });
     addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, summary, pre")) return;
       const keys = {
@@ -139,12 +134,11 @@ class Page {
       line.append(`${kind}s, thickest at ${[...most].join(", ")}. `);
     }
     const bar = this.byId("tools"), group = (label) => { const g = make("span", "group", bar); g.setAttribute("role", "group"); g.setAttribute("aria-label", label); return g; };
-    const button = (parent, text, act, title) => { const b = make("button", "", parent, text); b.type = "button"; b.title = title; b.addEventListener("click", act); return b; };
     const views = group("View");
-    this.views = Object.fromEntries([["side", "Side", 1], ["above", "Above", 2], ["ahead", "Ahead", 3], ["angle", "3-D", 4]].map(([name, text, key]) => [name, button(views, text, () => this.preset(name), `See it ${name === "angle" ? "at an angle" : `from ${name === "side" ? "the side" : name}`} (${key})`)]));
+    this.views = Object.fromEntries([["side", "Side", 1], ["above", "Above", 2], ["ahead", "Ahead", 3], ["angle", "3-D", 4]].map(([name, text, key]) => [name, pressed(views, text, `See it ${name === "angle" ? "at an angle" : `from ${name === "side" ? "the side" : name}`} (${key})`, () => this.preset(name))]));
     const near = group("Zoom");
-    button(near, "−", () => this.zoom(1.25), "Smaller (-)");
-    button(near, "+", () => this.zoom(0.8), "Larger (+)");
+    pressed(near, "−", "Smaller (-)", () => this.zoom(1.25));
+    pressed(near, "+", "Larger (+)", () => this.zoom(0.8));
     this.choice(bar, "Follow", [["", "nothing"], ["tip", "tip"], ["root", "base"]], this.scene.follow, (value) => { this.scene.follow = value; this.scene.followed = undefined; });
     if (this.scene.hulls.length) this.choice(bar, "Frame", [["arm", "arm"], ["all", "all"]], this.scene.framed, (value) => { this.scene.frame(value); this.preset(this.scene.camera.preset || "side"); });
     if (this.scene.fields.length) {
@@ -155,9 +149,7 @@ class Page {
   }
 
   choice(bar, label, options, chosen, act) {
-    const pick = make("label", "pick", bar, label), select = make("select", "", pick);
-    for (const [value, text] of options) Object.assign(make("option", "", select, text), { value, selected: value === chosen });
-    select.addEventListener("change", () => { act(select.value); this.show(true); });
+    listed(make("select", "", make("label", "pick", bar, label)), options, chosen, (value) => { act(value); this.show(true); });
   }
 
   aspect() {

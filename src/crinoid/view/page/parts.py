@@ -76,24 +76,19 @@ class Pack:
 
 
 def html_page(
-    body: str,
-    scripts: Iterable[str],
-    *,
-    title: str,
-    version: object,
-    kind: str = "",
-    connects: bool = False,
+    body: str, scripts: Iterable[str], *, title: str, version: object, kind: str = ""
 ) -> str:
     """Return a page of a body in HTML, whose scripts are allowed by their digests only.
 
-    ``title`` and ``version`` are text and are escaped; ``kind`` is the class of the body. A page
-    that ``connects`` may open a connection to the server that it is from.
+    ``title`` and ``version`` are text and are escaped; ``kind`` is the class of the body. A live
+    page may open a connection to the server that it is from.
     """
     scripts = list(scripts)
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()) for text in scripts]
-    origin = "'self'" if connects else "'none'"
+    origin = "'self'" if kind == "live" else "'none'"
     allowed = " ".join(f"'sha256-{digest.decode('ascii')}'" for digest in digests)
-    return Template(read_part("frame.html")).substitute(
+    return filled(
+        "frame.html",
         policy=(
             f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
             f"connect-src {origin}; "
@@ -141,11 +136,6 @@ def json_of(value: Any) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def stage_of(still: str, bar: str, keys: str) -> str:
-    """Return the place of a scene as HTML: a drawing until it is drawn, buttons, and a hint."""
-    return Template(read_part("stage.html")).substitute(still=still, bar=bar, keys=keys)
-
-
 _SHARED = {"PRESETS": PRESETS, "SPEEDS": SPEEDS, "RAMPS": RAMPS, "TRAVELS": TRAVELS, "ROOM": NEAR}
 
 
@@ -178,6 +168,11 @@ def bokeh_credit() -> str:
     import bokeh
 
     return f"Charts by Bokeh {escape(bokeh.__version__)} (BSD 3-Clause, in this file)."
+
+
+def filled(name: str, **texts: str) -> str:
+    """Return a file of the pages, with texts in its places."""
+    return Template(read_part(name)).substitute(texts)
 
 
 def read_part(name: str) -> str:

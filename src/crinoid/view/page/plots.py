@@ -36,16 +36,15 @@ def plots_of(charts: list[Chart], begin: float, end: float) -> PlotDocument:
     span = models.Range1d(start=begin, end=end if end > begin else begin + 1.0)
     listed: list[dict[str, Any]] = []
     drawn: list[models.Plot] = []
-    most = 0
+    most = 0  # instants of a trace
     for chart in charts:
         panels = []
         filled = chart.filled
         for panel in filled:
-            last = panel is filled[-1]
-            plot, count = _panel(panel, span, last)
-            drawn.append(plot)
-            panels.append(_texts(panel) | {"root": plot.id})
-            most = max(most, count if panel.over is None else 0)
+            drawn.append(_panel(panel, span, panel is filled[-1]))
+            panels.append(_texts(panel) | {"root": drawn[-1].id})
+            if panel.over is None:
+                most = max([most, *(trace.at.size for trace in panel.traces)])
         about = {"name": chart.name, "title": chart.title, "folded": chart.name in _FOLDED}
         listed += [about | {"panels": panels}] if panels else []
     with document.models.freeze():  # or each root would count all models again
@@ -67,8 +66,7 @@ def empty_plot(**options: Any) -> models.Plot:
     return models.Plot(sizing_mode="stretch_width", output_backend="canvas", **options)
 
 
-def _panel(panel: Panel, span: models.Range1d, last: bool) -> tuple[models.Plot, int]:
-    """Return the plot of a panel, and the largest number of instants of its traces."""
+def _panel(panel: Panel, span: models.Range1d, last: bool) -> models.Plot:
     rows = len(panel.rows)
     low, high = (rows - 0.5, -0.5) if rows else _ends(panel)  # rows from the top down
     plot = empty_plot(
@@ -101,16 +99,14 @@ def _panel(panel: Panel, span: models.Range1d, last: bool) -> tuple[models.Plot,
         glyph = models.HBar(y=index, left="left", right="right", height=0.7, line_color=None)
         glyph.fill_alpha = 0.5 if row.behind else 1.0
         plot.add_glyph(source, glyph, name=f"row {index}")
-    count = 0
     for index, trace in enumerate(panel.traces):
         chosen = extreme_instants(trace, panel.traces)
         at, values = trace.at[chosen], trace.values[chosen] * panel.factor
         source = models.ColumnDataSource({"t": at.astype("f4"), "v": values.astype("f4")})
         plot.add_glyph(source, _glyph(trace), name=f"trace {index}")
-        count = max(count, trace.at.size)
     behind = {f"trace {index}" for index, trace in enumerate(panel.traces) if trace.behind}
     plot.renderers.sort(key=lambda renderer: renderer.name not in behind)
-    return plot, count
+    return plot
 
 
 def _axes(panel: Panel) -> tuple[models.Axis, models.Axis]:
@@ -180,23 +176,23 @@ def extreme_instants(trace: Trace, together: tuple[Trace, ...]) -> Int[np.ndarra
 
 
 def _texts(panel: Panel) -> dict[str, Any]:
+    label = panel.label.replace("\n", " ").strip()
+    also: list[tuple[str, str]] = [each for each in panel.also if each[1] != "dashed"]
+    also += [("does not count", "shaded")] if panel.aside is not None else []
     return {
         "name": panel.name,
         "timed": panel.over is None,
-        "label": panel.label.replace("\n", " ").strip(),
+        "label": label,
         "unit": panel.unit.name if panel.unit else "",
         "nothing": panel.nothing,
         "left_out": panel.left_out,
         "also": [
-            f"filled: {words}" if look == "filled" else words
-            for words, look in panel.also
-            if look != "dashed"
-        ]
-        + ["shaded: does not count"] * (panel.aside is not None),
+            f"{look}: {words}" if look in ("filled", "shaded") else words for words, look in also
+        ],
         "traces": [
             {
                 # the legend has an entry for each of several numbered traces
-                "name": trace.name.removeprefix(THROUGH) or panel.label.replace("\n", " ").strip(),
+                "name": trace.name.removeprefix(THROUGH) or label,
                 "told": trace.summary.replace(" (dashed)", ""),
                 "role": trace.role,
                 "line": trace.line,

@@ -106,8 +106,7 @@ class Scene {
     const back = this.far ? V.sub(this.mean, this.begun) : [0, 0, 0];
     if (this.water) this.water.start.forEach((start) => hold(start, 0.04 * this.length, back));
     [this.low, this.high] = [low, high];
-    const size = Math.max(...low.map((p, d) => high[d] - p));
-    this.size = size;
+    this.size = Math.max(...low.map((p, d) => high[d] - p));
   }
 
   foot(plane, at, point) {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +12,10 @@ from crinoid.results.scene.bodies import rigid_bodies
 from crinoid.results.scene.data import Obstacle, even_indices
 from crinoid.results.scene.projection import OBLIQUE, SIDE
 from crinoid.results.scene.scene import Keyframes, Scene, build_scene, colour_ranges, omission_notes
-from crinoid.view.page.parts import Pack
+from crinoid.view.page import parts
+
+if TYPE_CHECKING:
+    from crinoid.view.page.plots import PlotDocument
 
 FRAMES = 1501  # most instants of a run: 30 s at 50 a second
 NODES = 201
@@ -30,7 +33,7 @@ def page_scene(result: Result) -> Scene:
 
 def scene_of(scene: Scene) -> tuple[dict[str, Any], str, list[str]]:
     """Return the table of a scene, its packed numbers, and notes on omissions."""
-    pack, ranges, water = Pack(), colour_ranges(scene), scene.members[0].water
+    pack, ranges, water = parts.Pack(), colour_ranges(scene), scene.members[0].water
     table = {
         "spatial": scene.spatial,
         "length": scene.length,
@@ -61,10 +64,30 @@ def scene_of(scene: Scene) -> tuple[dict[str, Any], str, list[str]]:
     return table, pack.text(), notes
 
 
+def animation_texts(
+    scene: Scene, plots: PlotDocument, bar: str, keys: str, table: dict[str, Any]
+) -> tuple[dict[str, str], list[str]]:
+    """Return the texts of a page that shows a scene with charts, and notes on omissions.
+
+    It has a ``bar`` of buttons in HTML, and a sentence on ``keys``. Scene and charts are added to
+    the ``table`` of its script.
+    """
+    shapes, numbers, left_out = scene_of(scene)
+    times = shapes["members"][0]["time"]
+    table = table | {"times": times, "scene": shapes, "charts": plots.charts}
+    data = {"table": parts.json_of(table), "document": parts.json_of(plots.document)}
+    texts = {
+        "stage": parts.filled("stage.html", still=still_of(scene), bar=bar, keys=keys),
+        "data": parts.filled("data.html", numbers=numbers, **data),
+        "footer": parts.bokeh_credit(),
+    }
+    return texts, left_out
+
+
 Ranges = dict[str, tuple[float, float]]
 
 
-def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[str, Any]:
+def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: parts.Pack) -> dict[str, Any]:
     fine = _FINE * scene.length
     root = each.position[:, 0]
     flat = slice(None) if scene.spatial else slice(None, None, 2)  # a planar arm has no y
@@ -109,7 +132,7 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
         "aims": scene.aims,
         "director": director,
         "threads": [
-            {"kind": line.kind, "first": line.first, "last": line.last, "pair": line.pair}
+            {"kind": line.kind, "first": line.first, "pair": line.pair}
             | {"offset": np.round(line.offset, 6).tolist(), "largest": line.largest}
             | {"share": pack.add(line.share, 1 / _LEVELS)}
             for line in each.threads
@@ -141,11 +164,10 @@ def still_of(scene: Scene) -> str:
         f'stroke-width="{9 if opacity == 1.0 else 4}" points="{drawing.svg_points(shape)}"/>'
         for kind, opacity, shape in lines
     ]
-    if not scene.aims:
-        return drawing.text("The arm over time", drawn)
-    x, y = drawing.svg_points(target[None]).split(",")
-    ring = f'<circle class="target" cx="{x}" cy="{y}" r="14" stroke-width="4"/>'
-    return drawing.text("The arm over time, and its target", [*drawn, ring])
+    if scene.aims:
+        x, y = drawing.svg_points(target[None]).split(",")
+        drawn.append(f'<circle class="target" cx="{x}" cy="{y}" r="14" stroke-width="4"/>')
+    return drawing.text(f"The arm over time{', and its target' * scene.aims}", drawn)
 
 
 class SvgDrawing(NamedTuple):

@@ -37,11 +37,7 @@ class StudyPage {
   }
 
   choices() {
-    const fill = (id, names, act) => {
-      const select = this.byId(id);
-      names.forEach((name, i) => { make("option", "", select, name).value = i; });
-      select.addEventListener("change", () => act(Number(select.value)));
-    };
+    const fill = (id, names, act) => listed(this.byId(id), names.entries(), 0, (i) => act(Number(i)));
     fill("measure", this.measures.map((each) => each.label), (i) => { this.measure = this.measures[i]; this.colour(); this.table(); });
     fill("over", this.views.map(({ keys }) => keys.map((k) => this.keys[k].short).join(" × ")), (i) => this.see(this.views[i]).then(() => this.colour()));
     if (!this.measures.length) this.byId("measure").parentElement.hidden = this.byId("legend").hidden = true;
@@ -210,9 +206,8 @@ class StudyPage {
   }
 
   open(cases) {
-    if (cases.length > 1) this.filter(cases);
-    else if (cases.length && this.pages[cases[0]]) location.href = this.pages[cases[0]];
-    else if (cases.length) this.filter(cases);
+    const page = cases.length === 1 && this.pages[cases[0]];
+    if (page) location.href = page; else if (cases.length) this.filter(cases);
   }
 
   filter(cases) {
@@ -241,12 +236,11 @@ class StudyPage {
     const heads = make("tr", "", make("thead", "", root));
     this.columns.forEach((column, at) => {
       if (this.hides(column)) return;
-      const head = make("th", "", heads), button = make("button", "", head, column.label), chosen = this.order.column === at;
+      const head = make("th", "", heads), chosen = this.order.column === at;
       head.scope = "col";
       head.ariaSort = chosen ? (this.order.down ? "descending" : "ascending") : "none";
-      Object.assign(button, { type: "button", title: column.title });
+      const button = pressed(head, column.label, column.title, () => { this.order = { column: at, down: chosen && !this.order.down }; this.table(); });
       button.dataset.column = at;
-      button.addEventListener("click", () => { this.order = { column: at, down: chosen && !this.order.down }; this.table(); });
       if (focused === String(at)) button.focus();
     });
     const body = make("tbody", "", root);

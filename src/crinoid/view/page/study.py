@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from string import Template
 from typing import Any
 from urllib.parse import quote
 
@@ -135,7 +134,8 @@ def study_page_of(
         left_out.append(f"Charts are over the first {MOST_KEYS} of {len(study.varied)} keys.")
     varied = ", ".join(f"{key.name} ({len(key.levels)} values)" for key in study.varied)
     words = f"study of {counted(len(study.names), 'case')}"
-    body = Template(parts.read_part("study.html")).substitute(
+    body = parts.filled(
+        "study.html",
         title=escape(title),
         subtitle=escape(" · ".join(filter(None, (words, varied)))),
         status=f'<p class="status">{status}</p>' if failed else "",
@@ -166,20 +166,18 @@ def _indices(
 
 
 def _shares(study: Study, measure: StudyMeasure, indices: Sequence[Index]) -> list[dict[str, Any]]:
-    if not indices:
-        return [
-            {"key": study.keys.index(effect.key)}
-            | {name: round(getattr(effect, name), 4) for name in ("share", "low", "high")}
-            for effect in effects_of(study, measure)
-        ]
-    names, found = [key.name for key in study.keys], []
+    found: dict[str, dict[str, float]] = {}
     for index in sorted(indices, key=lambda index: -index.total):
         low, high = index.first - index.first_within, index.first + index.first_within
-        numbers = {"share": index.first, "low": low, "high": high}
-        numbers |= {"total": index.total, "within": index.total_within}
-        shares = {name: round(number, 4) for name, number in numbers.items()}
-        found.append({"key": names.index(index.key)} | shares)
-    return found
+        found[index.key] = {"share": index.first, "low": low, "high": high}
+        found[index.key] |= {"total": index.total, "within": index.total_within}
+    for effect in [] if indices else effects_of(study, measure):
+        found[effect.key.name] = {"share": effect.share, "low": effect.low, "high": effect.high}
+    names = [key.name for key in study.keys]
+    return [
+        {"key": names.index(key)} | {name: round(number, 4) for name, number in shares.items()}
+        for key, shares in found.items()
+    ]
 
 
 def _table(

@@ -22,6 +22,18 @@ function make(kind, name, parent, text) {
   return found;
 }
 
+// A button that acts when it is pressed.
+function pressed(parent, text, title, act) {
+  return Object.assign(make("button", "", parent, text), { type: "button", title, onclick: act });
+}
+
+// Fill a list with values and their texts; `act` hears which one is chosen later.
+function listed(select, options, chosen, act) {
+  for (const [value, text] of options) Object.assign(make("option", "", select, text), { value, selected: value === chosen });
+  select.addEventListener("change", () => act(select.value));
+  return select;
+}
+
 // Set the colours of axes and grid of a Bokeh plot.
 function dress(model, read) {
   const [soft, grid] = ["soft", "grid"].map(read);

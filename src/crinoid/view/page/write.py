@@ -2,7 +2,6 @@
 
 from html import escape
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from crinoid.foundation.status import Status
@@ -12,9 +11,9 @@ from crinoid.results.scene.scene import Scene, build_scene
 from crinoid.scenario import ScenarioError
 from crinoid.view.figures.charts.of_run import charts_of
 from crinoid.view.page import parts
-from crinoid.view.page.plots import plots_of
+from crinoid.view.page.plots import PlotDocument, plots_of
 from crinoid.view.page.repeat import SAVED, repeat_command
-from crinoid.view.page.scene import page_scene, scene_of, still_of
+from crinoid.view.page.scene import animation_texts, page_scene
 
 LARGEST = 800_000  # most characters
 _NODES = 61
@@ -26,22 +25,19 @@ def small_page_of(run: Result) -> tuple[str, list[str]]:
     """Return the animation of a run as a page, and notes on omissions."""
     version = run.dataset.attrs.get("crinoid_version", "")
     options = {"title": run.title, "version": version, "kind": "small"}
+    nothing = PlotDocument({}, [], [])
     for frames in _FRAMES:
-        texts, left_out = _animation(run, build_scene(run, frames, _NODES), [])
-        body = Template(parts.read_part("scene.html")).substitute(texts)
+        texts, left_out = _animation(run, build_scene(run, frames, _NODES), nothing)
+        body = parts.filled("scene.html", **texts)
         page = parts.html_page(body, [parts.run_script()], **options)
         if len(page) <= LARGEST:
             return page, [*run.left_out, *left_out]
     raise ReportError("there are too many obstacles for a small animation")
 
 
-def _animation(run: Result, scene: Scene, charts: list[Any]) -> tuple[dict[str, str], list[str]]:
-    """Return the texts of an animation in a template, and notes on omissions."""
-    shapes, numbers, left_out = scene_of(scene)
-    times, span = shapes["members"][0]["time"], _span(run)
-    table = {"span": span, "times": times, "scene": shapes, "charts": charts}
-    stage = parts.stage_of(still_of(scene), parts.read_part("playback.html"), _KEYS)
-    return {"stage": stage, "table": parts.json_of(table), "numbers": numbers}, left_out
+def _animation(run: Result, scene: Scene, plots: PlotDocument) -> tuple[dict[str, str], list[str]]:
+    bar = parts.read_part("playback.html")
+    return animation_texts(scene, plots, bar, _KEYS, {"span": _span(run)})
 
 
 def _span(run: Result) -> list[float]:
@@ -66,7 +62,7 @@ def page_of(run: Result) -> str:
     charts = [] if still else [chart for _, chart in charts_of(run)]
     begin, end = _span(run)
     plots = plots_of(charts, begin, end)
-    texts, left_out = _animation(run, page_scene(run), plots.charts)
+    texts, left_out = _animation(run, page_scene(run), plots)
     attributes = run.dataset.attrs
     scenario = str(attributes.get("scenario", ""))
     if len(scenario) > _LONGEST:
@@ -76,7 +72,8 @@ def page_of(run: Result) -> str:
     lasts = "one instant" if still else f"{end - begin:g} s"
     words = [kind, f"{run.dataset.sizes['node']} nodes", lasts]
     words += [] if run.uncontrolled is None else ["with and without control"]
-    body = Template(parts.read_part("run.html")).substitute(
+    body = parts.filled(
+        "run.html",
         title=escape(run.title),
         subtitle=escape(" · ".join(words)),
         status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
@@ -85,8 +82,6 @@ def page_of(run: Result) -> str:
         scenario=escape(scenario[:_LONGEST]),
         facts=_facts(run),
         left_out=parts.list_of("What was left out", [*run.left_out, *left_out, *plots.left_out]),
-        footer=parts.bokeh_credit(),
-        document=parts.json_of(plots.document),
         **texts,
     )
     version = attributes.get("crinoid_version", "")
@@ -104,7 +99,7 @@ def _numbers(run: Result) -> str:
 def _facts(run: Result) -> str:
     attributes = run.dataset.attrs
     spent = attributes.get("wall_time")
-    command, saved = repeat_command(run)
+    command = repeat_command(run)
     facts: dict[str, Any] = {
         "crinoid": attributes.get("crinoid_version", "unknown"),
         "seed": attributes.get("seed", "unknown"),
@@ -113,5 +108,5 @@ def _facts(run: Result) -> str:
         "saved instants": run.dataset.sizes["time"],
     }
     rows = "".join(f"<tr><td>{k}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
-    before = f"save the scenario above as {SAVED}, then " if saved else ""
+    before = f"save the scenario above as {SAVED}, then " if command.endswith(SAVED) else ""
     return f"{rows}<tr><td>to repeat it</td><td>{before}<code>{escape(command)}</code></td></tr>"

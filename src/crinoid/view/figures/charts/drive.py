@@ -118,9 +118,9 @@ def drive_chart(run: Result) -> Chart:
         shifts = [channel for channel in channels if channel not in ANGLES]
         turns = [channel for channel in channels if channel in ANGLES]
         groups, tall = [group for group in (shifts, turns) if group], 1.9
-    drives: dict[tuple[str, str], list[ActuatorDrive]] = {}
+    drives: dict[tuple[type, str], list[ActuatorDrive]] = {}
     for each in actuator_drives(run):
-        drives.setdefault((each.kind, each.unit), []).append(each)
+        drives.setdefault((type(each.thread), each.unit), []).append(each)
     panels = [
         *(_group(run.dataset, group, tall) for group in groups),
         *(
@@ -149,7 +149,7 @@ def _actuators(name: str, drives: Sequence[ActuatorDrive], data: xr.Dataset, tal
             traces.append(Trace(words, time, each.command, role, "dashed", quiet=True))
             commanded = True
     label, unit = _LABELS.get(drives[0].unit, "actuators"), drive_unit(drives[0].unit, most)
-    label = "actuators" if drives[0].kind == "actuator" else label
+    label = "actuators" if drives[0].thread is None else label
     also = _COMMANDS if commanded else ()
     return Panel(name, label, unit, tuple(traces), tall=tall, also=also)
 
