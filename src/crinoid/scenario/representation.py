@@ -24,7 +24,7 @@ def represent(scenario: Scenario) -> tuple[str, dict[str, str]]:
     motions = counted(len(base.motion), "motion") if base.motion else ""
     pose = f"at {shown(base.position)} m, {'floats' if scenario.floats else base.mount}"
     drives = [f"{name} ({'rad' if name in ANGLES else 'm'})" for name in base.channels.present]
-    drives += [f"{name} (share)" for name in scenario.thread_names]
+    drives += [f"{name} (share)" for name in scenario.threads]
     drives += [each.called for each in scenario.actuator]
     also = [*_kinds("load", scenario.load), *_kinds("obstacle", scenario.obstacle)]
     also += ["tool"] * (scenario.tool is not None)

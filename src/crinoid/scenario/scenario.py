@@ -12,7 +12,7 @@ from typing import Any
 import tomli_w
 
 from crinoid.foundation.representation import Represented
-from crinoid.scenario.actuator import Actuator, Chamber, Tendon, thread_names
+from crinoid.scenario.actuator import Actuator, Chamber, Tendon, keyed_threads, thread_name
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
 from crinoid.scenario.base_motion import VelocityMotion
@@ -252,14 +252,15 @@ class Scenario(Represented, Model):
         return given or min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
 
     @property
-    def thread_names(self) -> tuple[str, ...]:
-        """Names of the inputs of chambers and tendons."""
-        return thread_names(self.chamber, self.tendon)
+    def threads(self) -> dict[str, Chamber | Tendon]:
+        """Chambers and tendons by the names of their inputs."""
+        keyed = keyed_threads(self.chamber, self.tendon).items()
+        return {thread_name(key, thread): thread for key, thread in keyed}
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs besides those of further actuators."""
-        return (*self.base.channels.present, *self.thread_names)
+        return (*self.base.channels.present, *self.threads)
 
     @property
     def driven(self) -> tuple[str, ...]:
