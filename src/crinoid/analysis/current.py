@@ -157,7 +157,7 @@ def _velocity(
 def _displacements(system: System, times: Array) -> Array:
     """Return how far all that is the same everywhere has moved the water (m)."""
     nowhere, flows = jnp.zeros(system.forces.origin.shape), system.forces.water.flows
-    return jax.vmap(lambda time: sum((each.displacement(time) for each in flows), nowhere))(times)
+    return jax.vmap(lambda time: nowhere + sum(each.displacement(time) for each in flows))(times)
 
 
 def _times(scenario: Scenario) -> tuple[Float[np.ndarray, " time"], float]:

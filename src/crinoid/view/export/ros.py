@@ -184,8 +184,8 @@ def _markers(scene: Scene, run: Keyframes, stamps: Stamps, report: Report) -> Me
         points = [_vector(place) for place in run.position[row]]
         arm = []
         for number, strip in enumerate(strips):
-            look = {"scale": {"x": float(edge[strip[0]])}, "color": _colour("arm")}
-            look |= {"points": points[strip[0] : strip[-1] + 2]}
+            look: Message = {"scale": {"x": float(edge[strip[0]])}, "color": _colour("arm")}
+            look["points"] = points[strip[0] : strip[-1] + 2]
             arm.append(_marker("arm", number, _LINE_STRIP, level) | look)
         # a viewer keeps those that stay
         moved = [_solid(each, row) for each in solids if not row or each.moves]
