@@ -99,7 +99,7 @@ def check_replaced(
     equilibrium is to replace them.
     """
     for place in wanted:
-        goes_on = resume and (folder / place / RESULT).exists()  # checked more closely
+        goes_on = resume and (folder / place / RESULT).exists()  # checked more closely elsewhere
         for name in _SUMMARY if goes_on else (RESULT, UNCONTROLLED, *_SUMMARY):
             check_own(folder / place / name)
     for name in () if "" in wanted else (CASES, MEANS):
