@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 
 import equinox as eqx
@@ -173,11 +174,11 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
     else:
         command, before = jnp.zeros(len(system.inputs)), (state.servo, *state.actuators)
         states, old = followed(system.followers, before, command, step)[1:], state.motion
-        motion = eqx.tree_at(
-            lambda m: (m.time, m.position, m.drive),
+        motion = replace(
             old,
-            (old.time + step, old.position + step * old.velocity, drives(system.actuators, states)),
-            is_leaf=lambda x: x is None,
+            time=old.time + step,
+            position=old.position + step * old.velocity,
+            drive=drives(system.actuators, states),
         )
     points = forces.origin + motion.position[:, : forces.axes]
     given = [one.drive(each) for one, each in zip(system.actuators, states, strict=True)]
@@ -227,12 +228,7 @@ def dataset_builder(setup: Setup) -> Build:
     def build(kept: Record, before: float | None) -> xr.Dataset:
         system, diameters = loop.system, scenario.arm.diameters
         if not loop.enabled:  # the observer does not run either
-            kept = eqx.tree_at(
-                lambda each: (each.estimate, each.estimate_time),
-                kept,
-                (None, None),
-                is_leaf=lambda leaf: leaf is None,
-            )
+            kept = replace(kept, estimate=None, estimate_time=None)
         run, modes = Instants(system, kept, before), setup.modes
         built = build_dataset(
             run,
