@@ -130,10 +130,8 @@ def first_guess(
 
 def _is_jerky(state: State, held: Prescribed, count: int) -> Bool[Array, ""]:
     """Return whether the base's acceleration jumps, at the end of a step and in the last ones."""
-    past = jnp.stack([*state.acceleration_history[1::-1], state.motion.acceleration])[
-        :, :BOUNDARY_NODES
-    ]
-    root = jnp.concatenate([past, held.acceleration[None]])
+    past = (*state.acceleration_history[1::-1], state.motion.acceleration)
+    root = jnp.stack([*(each[:BOUNDARY_NODES] for each in past), held.acceleration])
     # the ghost node, for the rotation of the base: the swing of the tip
     root = jnp.stack([(root[:, 0] - root[:, 1]) * count, root[:, 1]], axis=1)
     return jnp.sum(jnp.diff(root, axis=0) ** 2) > JERKY * jnp.sum(root**2)

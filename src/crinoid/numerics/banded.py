@@ -62,6 +62,12 @@ def dense(bands: Bands) -> Float[Array, "n b n b"]:
     return whole.at[node, :, node + jnp.arange(5)].set(bands)[:, :, 2:-2]
 
 
+def places(num_nodes: int, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return row and column of each entry of bands in the whole matrix, some outside of it."""
+    node, offset, i, j = np.indices((num_nodes, 5, size, size))
+    return node * size + i, (node + offset - 2) * size + j
+
+
 def transpose(bands: Bands) -> Bands:
     """Return the bands of the transposed matrix."""
     num_nodes = bands.shape[0]
@@ -121,7 +127,7 @@ def factorise(bands: Bands) -> Factors:
             d = 2 * offset + column - row
             return pairs[:, row, d + 2] if abs(d) <= 2 else outside
 
-        return jnp.block([[block(row, column) for column in (0, 1)] for row in (0, 1)])
+        return _joined([[block(row, column) for column in (0, 1)] for row in (0, 1)])
 
     lower, main, upper = coupling(-1), coupling(0), coupling(1)
     rows = (_ends(lower, upper), _ends(main, main), _ends(upper, lower))
@@ -215,4 +221,9 @@ def _inverse(block: Float[Array, "... m m"]) -> Float[Array, "... m m"]:
     c_a = product(c, a_inverse)
     schur = _inverse(d - product(c, a_b))
     corner = product(a_b, schur)
-    return jnp.block([[a_inverse + product(corner, c_a), -corner], [-product(schur, c_a), schur]])
+    return _joined([[a_inverse + product(corner, c_a), -corner], [-product(schur, c_a), schur]])
+
+
+def _joined(blocks: list[list[Array]]) -> Array:
+    """Return matrices from their blocks; unlike `jnp.block`, without a call inside of loops."""
+    return jnp.concatenate([jnp.concatenate(row, axis=-1) for row in blocks], axis=-2)

@@ -72,11 +72,7 @@ def command_failure(inputs: Sequence[Input], command: Sequence[float], time: flo
 def short_step_failure(scenario: Scenario, system: System, state: State, outcome: Outcome) -> str:
     """Return why no step from ``state`` was found, without its past."""
     what, remedy = _trouble(scenario, system, state, outcome)
-    return f"{_when(state)}: {what}; try {remedy}"
-
-
-def _when(state: State) -> str:
-    return f"failed at t = {float(state.time):.6g} s"
+    return f"failed at t = {float(state.time):.6g} s: {what}; try {remedy}"
 
 
 def step_failure(
@@ -89,7 +85,7 @@ def step_failure(
 ) -> str:
     """Return why no step from ``state``, the end of ``dataset``, was found."""
     simulation, obstacles = scenario.simulation, system.forces.obstacles
-    when = _when(state)
+    when = f"failed at t = {float(state.time):.6g} s"
     what, remedy = _trouble(scenario, system, state, outcome)
     if defect is not None and defect.gained:
         return f"{when}: {defect.summary}; {defect.cause}, until {what}; try {defect.remedy}"

@@ -106,10 +106,11 @@ def outputs_of(prepared: Prepared) -> list[Outputs]:
     if count == 3:
         moment, moments = "base_moment_", [(axis, "N m") for axis in AXES[3]]
     own = "in the frame of the target"
+    newest = f"newest known pose of the tip, {own}"
     rows: list[tuple[str, Iterable[tuple[str, str]], str, Values]] = [
         ("tip_", pose, "pose of the tip in the world", lambda _, now: now.tip),
         ("target_", pose, f"pose for the tip, {own}", lambda session, _: session.seen.reference),
-        ("measured_", pose, f"newest known pose of the tip, {own}", _measured),
+        ("measured_", pose, newest, lambda session, _: session.seen.measured),
         ("base_force_", forces, "force of the arm on its base", lambda _, now: now.base_force),
         (moment, moments, "moment of the arm on its base", lambda _, now: now.base_moment),
         ("base_pose_", channels, "displacement of the base", lambda _, now: now.pose),
@@ -133,10 +134,6 @@ def outputs_of(prepared: Prepared) -> list[Outputs]:
     shape = HostVariable("shape", "m", "position of each node in the world", None, (nodes, count))
     where = Outputs((shape,), lambda session, now: now.position + session.loop.system.forces.origin)
     return [*found, where]
-
-
-def _measured(session: Session, _: Record) -> ArrayLike:
-    return session.seen.measured
 
 
 def _largest_curvature(_: Session, now: Record) -> ArrayLike:
