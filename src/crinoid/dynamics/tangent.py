@@ -97,7 +97,7 @@ class Tangent(eqx.Module):
         if self.far is None:
             found = apart(*known)
         else:
-            found = jax.lax.cond(self.touches, whole, apart, *known)
+            found = jax.lax.cond(self.touches, lambda: whole(*known), lambda: apart(*known))
         return self._layout.scatter(*found, rhs.shape)
 
     def _solve_apart(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
