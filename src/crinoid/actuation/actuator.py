@@ -14,8 +14,7 @@ from jaxtyping import Array, Complex, Float
 __all__ = ["for_small_commands"]
 
 Command = Float[Array, " input"]
-Drive = Float[Array, " drive"]
-
+Drives = Float[Array, " drive"]
 
 InputKind = Literal["shift", "turn", "pressure", "tension", "share"]
 """Kinds of input: shifts (m) and turns (rad) of the base, pressure (Pa), tension (N), a share."""
@@ -90,7 +89,7 @@ class Actuator(eqx.Module):
         return np.ones((frequency.size, len(self.inputs)), complex)
 
     @abstractmethod
-    def drive(self, state: Any) -> Drive:
+    def drive(self, state: Any) -> Drives:
         """Return its drive, a number for each input in its unit.
 
         Elements find it in `crinoid.Motion.drive`, where the drives of all actuators but the base's
@@ -110,7 +109,7 @@ def followed(
     return [one.advance(state, part, step) for one, state, part in every]
 
 
-def drives(actuators: Sequence[Actuator], states: Sequence[Any]) -> Drive | None:
+def drives(actuators: Sequence[Actuator], states: Sequence[Any]) -> Drives | None:
     """Return the drives of all actuators, one behind the other; None where there are none."""
     if not actuators:
         return None
@@ -142,9 +141,6 @@ def for_small_commands(actuators: Actuators) -> Actuators:
                 return leaf
 
     return jax.tree_util.tree_map_with_path(of, actuators)
-
-
-Drives = Float[Array, " drive"]
 
 
 class FollowerState(eqx.Module):

@@ -172,10 +172,7 @@ class Base(eqx.Module):
         still = jnp.zeros(3)
         spin = jnp.stack([pan * s + roll, more_pan * s + pan * tilt * c + more_roll])
         velocity, acceleration = jnp.concatenate(
-            [
-                jnp.stack([ghost, root], axis=1)[1:],
-                jnp.stack([still[:2], spin], axis=1)[..., None],
-            ],
+            [jnp.stack([ghost, root], axis=1)[1:], jnp.stack([still[:2], spin], axis=1)[..., None]],
             axis=2,
         )
         return Prescribed(jnp.stack([ghost[0], root[0]]), velocity, acceleration, _frame(turns))

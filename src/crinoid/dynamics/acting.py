@@ -17,9 +17,10 @@ from crinoid.dynamics.forces import Forces, Points, Rows
 from crinoid.dynamics.free_bodies import FreeBodies
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, VEHICLE_ROWS
-from crinoid.dynamics.vehicle import VehicleKinematics, unknowns, vehicle_rows
+from crinoid.dynamics.vehicle import VehicleKinematics, unknowns
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion, Pose, VehiclePose
+from crinoid.elements.soft_skin import rows_of
 from crinoid.flow import Current, Water
 from crinoid.numerics import banded
 
@@ -255,7 +256,8 @@ class ActingForces(Forces):
                 kinematics, motion.flow_velocity[CENTRE], motion.flow_acceleration[CENTRE]
             )
             force, moment = force + own[0], moment + own[1]
-        return vehicle_rows(force, moment, held.shape[1])
+        width = held.shape[1]
+        return jnp.concatenate([rows_of(force, width), rows_of(moment, width)])
 
     def _kinematics(self, rows: tuple[Rows, ...]) -> VehicleKinematics:
         """Return the motion of the vehicle from position, velocity and acceleration of all rows."""

@@ -63,8 +63,7 @@ class Arm(eqx.Module):
                 continue
             nodal = index_array.scatter(forces, windows.nodes_of(element), num_nodes)
             nodal = banded.pad_columns(nodal, size)
-            sum_ = working.get(element.worked)
-            working[element.worked] = nodal if sum_ is None else sum_ + nodal
+            working[element.worked] = working.get(element.worked, 0.0) + nodal
         return working
 
     @eqx.filter_jit

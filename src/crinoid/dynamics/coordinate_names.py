@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 
-from crinoid.dynamics.transition import LocalCoordinates
+from crinoid.dynamics.transition import LocalCoordinates, numbers_of
 from crinoid.foundation.axes import AXES
 
 Names = list[tuple[str, str]]
@@ -52,10 +52,7 @@ def arm_names(coordinates: LocalCoordinates) -> Names:
     ]
     flat = [each for row in places for each in row[:width]]
     moving = [flat[entry] for entry in coordinates.entries]
-    memory = sum(
-        leaf.size
-        for leaf in jax.tree.leaves(eqx.filter(coordinates.state.memory, eqx.is_inexact_array))
-    )
+    memory = numbers_of(coordinates.state.memory)[0].size
     return [
         *(
             (f"{sign}{name}_{place}", unit + per)

@@ -89,7 +89,7 @@ def find_relaxing_modes(
         return modes
     rows = [modes] * modes.frequency.size
     for index in range(len(rows)):
-        rate, tried = modes.rate(index), _Tried([], [])
+        rate, tried = modes.rate(index), []
         for _ in range(RATE_SOLVES):
             more, viscous = relaxing.acting(rate)
             rows[index] = find_damped_modes(
@@ -102,7 +102,8 @@ def find_relaxing_modes(
             found = rows[index].rate(index)
             if abs(found - rate) <= SETTLED_RATE * abs(found):
                 break
-            rate = tried.following(rate, found)
+            tried.append((rate, found))
+            rate = _following(tried)
         else:
             rows[index] = DampedModes(*(np.full_like(each, np.nan) for each in modes))
     if np.isnan([row.frequency[index] for index, row in enumerate(rows)]).all():
@@ -112,30 +113,22 @@ def find_relaxing_modes(
     )
 
 
-class _Tried(NamedTuple):
-    """Rates that were tried in a fixed-point iteration, and the rates that each gave."""
+def _following(tried: list[tuple[complex, complex]]) -> complex:
+    """Return the rate to try next, from those tried in a fixed-point iteration and those found.
 
-    given: list[complex]
-    found: list[complex]
-
-    def following(self, given: complex, found: complex) -> complex:
-        """Return the rate to try next, by the secant method in the plane of complex numbers.
-
-        Anderson acceleration of depth 2 (Walker and Ni 2011, SIAM Journal on Numerical Analysis
-        49); the rate that was found where some of the last ones oscillate and others do not.
-        """
-        self.given.append(given)
-        self.found.append(found)
-        swings = {x.imag > 0 for x in (*self.given[-3:], *self.found[-3:])}
-        if len(self.given) < 3 or len(swings) > 1:
-            return found
-        ahead = np.array(self.found[-3:])
-        change = ahead - np.array(self.given[-3:])
-        steps = np.array([np.diff(change).real, np.diff(change).imag])
-        share = np.linalg.lstsq(steps, [change[-1].real, change[-1].imag])[0]
-        rate = complex(found - np.diff(ahead) @ share)
-        near = abs(rate - found) <= abs(found)
-        return rate if near and (rate.imag > 0) in swings else found
+    Anderson acceleration of depth 2 (Walker and Ni 2011, SIAM Journal on Numerical Analysis 49);
+    the rate found last where some of the last ones oscillate and others do not.
+    """
+    last = np.array(tried[-3:])
+    change, found = last[:, 1] - last[:, 0], complex(last[-1, 1])
+    swings = set((last.imag > 0).flat)
+    if len(tried) < 3 or len(swings) > 1:
+        return found
+    steps = np.array([np.diff(change).real, np.diff(change).imag])
+    share = np.linalg.lstsq(steps, [change[-1].real, change[-1].imag])[0]
+    rate = complex(found - np.diff(last[:, 1]) @ share)
+    near = abs(rate - found) <= abs(found)
+    return rate if near and (rate.imag > 0) in swings else found
 
 
 def find_damped_modes(

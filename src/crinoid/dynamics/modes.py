@@ -117,8 +117,7 @@ def of_free(bands: banded.Bands) -> Any:
 
     blocks = np.asarray(bands)[BOUNDARY_NODES:]
     nodes, _, size, _ = blocks.shape
-    node, offset, i, j = np.indices(blocks.shape)
-    row, column = node * size + i, (node + offset - 2) * size + j
+    row, column = banded.places(nodes, size)
     inside = (column >= 0) & (column < nodes * size)
     return csc_array(
         (blocks[inside], (row[inside], column[inside])), shape=(nodes * size, nodes * size)

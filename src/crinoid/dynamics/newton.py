@@ -142,7 +142,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
     start = _Iteration(
         guess,
         jnp.zeros_like(guess),
-        eqx.tree_at(lambda o: o.residual, none, jnp.asarray(jnp.inf)),
+        replace(none, residual=jnp.asarray(jnp.inf)),
         jnp.asarray(0),
         reused.tangent,
         reused.floor,
@@ -170,7 +170,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
             done=~again,
         )
     end = _loop(balance, guess, settings, start)
-    outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count + wasted)
+    outcome = replace(end.outcome, iterations=end.count + wasted)
     # contact of far parts is not in the factors that are kept; a good guess needs none
     touches = end.touches
     if forces.far_contacts and searches:
@@ -183,9 +183,6 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
 def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) -> _Iteration:
     forces, stage = balance.forces, balance.stage
     searches = start.change is not None
-
-    def unfinished(carry: _Iteration) -> Bool[Array, ""]:
-        return ~carry.done
 
     def iterate(carry: _Iteration) -> _Iteration:
         # evaluated in one place, for the guess and its successors: elements are most of a program
@@ -255,9 +252,7 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
             outcome = jax.tree.map(lambda x, y: jnp.where(worse, x, y), before, outcome)
             contraction = jnp.where(worse, carry.contraction, contraction)
         # without a known contraction then
-        outcome = eqx.tree_at(
-            lambda o: o.residual, outcome, jnp.where(back, jnp.nan, outcome.residual)
-        )
+        outcome = replace(outcome, residual=jnp.where(back, jnp.nan, outcome.residual))
         refresh = carry.refresh | astray | ~suffices
         count = carry.count + ~done
         return _Iteration(
@@ -274,7 +269,7 @@ def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) 
             change,
         )
 
-    return jax.lax.while_loop(unfinished, iterate, start)
+    return jax.lax.while_loop(lambda carry: ~carry.done, iterate, start)
 
 
 @solve.def_jvp
@@ -301,15 +296,12 @@ def _outcome(
 ) -> Outcome:
     """Return the outcome of a motion by the sizes of its residual."""
     of_rows = jnp.max(unbalanced, axis=1)
-    return Outcome(
+    return replace(
+        Outcome.of_nothing(converged=False),
         converged=jnp.all(unbalanced <= settings.tolerance * scale + floor),
-        iterations=jnp.asarray(0),
         residual=jnp.max(of_rows),
         scale=scale,
         worst_node=jnp.argmax(of_rows) + BOUNDARY_NODES - 1,
-        resolved=jnp.asarray(True),
-        folded=jnp.asarray(False),
-        error=jnp.zeros(()),
     )
 
 

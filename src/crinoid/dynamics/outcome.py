@@ -208,10 +208,10 @@ class StepStatistics(eqx.Module):
     """Newton iterations of all solves, failed ones included."""
 
     @staticmethod
-    def of_nothing(outcome: Outcome | None = None) -> "StepStatistics":
+    def of_nothing() -> "StepStatistics":
         """Return the statistics of no solves."""
         zero, none = jnp.zeros(()), jnp.asarray(0)
-        return StepStatistics(outcome, zero, zero, none, none)
+        return StepStatistics(None, zero, zero, none, none)
 
     def with_solve(self, outcome: Outcome) -> "StepStatistics":
         """Return the statistics with one more solve."""
@@ -242,13 +242,13 @@ def halve(
     """
     whole = 2**max_halvings  # length of the step in units of the shortest substep
 
-    def unfinished(carry: tuple[Any, StepStatistics, Array, Array]) -> Bool[Array, ""]:
+    Carry = tuple[Any, StepStatistics, Array, Array]
+
+    def unfinished(carry: Carry) -> Bool[Array, ""]:
         _, _, done, part = carry
         return (done < whole) & (part > 0)
 
-    def attempt(
-        carry: tuple[Any, StepStatistics, Array, Array],
-    ) -> tuple[Any, StepStatistics, Array, Array]:
+    def attempt(carry: Carry) -> Carry:
         state, progress, done, part = carry
         new, outcome = step(state, length * (part / whole))
         good = outcome.converged
@@ -258,12 +258,7 @@ def halve(
         room = ERROR_GROWTH * outcome.error <= max_error
         longer = jnp.where((done % (2 * part) == 0) & (part < whole) & room, 2 * part, part)
         part = jnp.where(good, longer, part // 2)
-        return (
-            accepted,
-            progress.with_solve(outcome),
-            done,
-            part,
-        )
+        return accepted, progress.with_solve(outcome), done, part
 
     unsolved = replace(before, outcome=Outcome.of_nothing(converged=False))
     state, progress, _, _ = jax.lax.while_loop(

@@ -59,28 +59,19 @@ def find(
         return statics.find(reference, loaded, settings, time, start, frames)
 
     drives = jnp.stack([jnp.zeros_like(context.drive), context.drive])
-    unloaded, loaded = (
-        jax.tree.map(lambda x, k=k: x[k], jax.lax.map(under, drives)) for k in (0, 1)
-    )
+    both = jax.lax.map(under, drives)
+    unloaded, loaded = (jax.tree.map(itemgetter(k), both) for k in (0, 1))
     slack = _memory(frozen, time, *unloaded[:2])
     careful = statics.careful(frozen, settings)
-    none, no_tangent = jnp.zeros_like(start), ReusedTangent.none(frozen, start)
     Shape = tuple[Rows, Frames | None]
 
     def follow(shape: Shape, _: None) -> tuple[Shape, tuple[Outcome, Array]]:
         position, frames = shape
         rubbing = _slid(frozen, slack, _memory(frozen, time, position, frames))
-        stage = statics.static_stage(time, position, frames)
-        around = rubbing.surroundings(stage, none)
-        correction, _, outcome, _ = solve(
-            Balance(rubbing, around, stage), none, careful, no_tangent
-        )
+        correction, outcome = _balanced(rubbing, careful, time, position, frames)
         position = position + correction
-        if frames is not None:
-            nodes = forces.nodes(position)
-            frames = jax.lax.stop_gradient(Frames.of(nodes, frames.at(nodes)))
         moved = jnp.max(jnp.abs(correction[:, : forces.axes]))
-        return (position, frames), (outcome, moved)
+        return (position, _moved(rubbing, position, frames)), (outcome, moved)
 
     (position, frames), (outcomes, moved) = jax.lax.scan(
         follow, loaded[:2], None, length=FRICTION_ROUNDS
@@ -106,10 +97,9 @@ def follow(
 
     Where tendons rub it is known to the sliding within which their friction develops.
 
-    On the ``way`` are the forces before and after, with their contexts, which differ in numbers,
-    ``starts`` are the
-    shape before, and the same with the base and the obstacles as they are after (m); ``memory`` is
-    that of the elements before.
+    On the ``way`` are the forces before and after, with their contexts, which differ in numbers.
+    ``starts`` are the shape before, and the same with the base and the obstacles as they are after
+    (m); ``memory`` is that of the elements before.
     """
     before, after = ((forces, context.at_rest(time)) for forces, context in way)
     if not _rubs(after[0]):
@@ -118,7 +108,6 @@ def follow(
         return ActingForces.of(*way[1]), *found
     at_end = ActingForces.of(*after)
     careful = statics.careful(at_end, settings)
-    none, no_tangent = jnp.zeros_like(starts[1]), ReusedTangent.none(at_end, starts[1])
     one = jnp.ones(())
     moved_base = starts[1] - starts[0]
     Shape = tuple[Rows, Frames | None, Memory]
@@ -131,11 +120,7 @@ def follow(
             lambda a, b: jnp.where(a == b, b, a + at * (b - a)), before, after
         )
         rubbing = ActingForces.of(forces, context.remembering(memory, one))
-        stage = statics.static_stage(time, position, frames)
-        around = rubbing.surroundings(stage, none)
-        correction, _, outcome, _ = solve(
-            Balance(rubbing, around, stage), none, careful, no_tangent
-        )
+        correction, outcome = _balanced(rubbing, careful, time, position, frames)
         found = _settled(rubbing, time, position + correction, frames)
         failed = (position, frames, memory)
         return jax.tree.map(lambda x, y: jnp.where(outcome.converged, x, y), found, failed), None
@@ -178,13 +163,29 @@ def _of_threads(forces: Forces, memory: Memory) -> Memory:
     return tuple(held if isinstance(each, Threads) else None for each, held in pairs)
 
 
+def _balanced(
+    forces: ActingForces, settings: Settings, time: Array, position: Rows, frames: Frames | None
+) -> tuple[Rows, Outcome]:
+    """Return the correction of a shape that balances the forces (m), and its outcome."""
+    stage, none = statics.static_stage(time, position, frames), jnp.zeros_like(position)
+    balance = Balance(forces, forces.surroundings(stage, none), stage)
+    correction, _, outcome, _ = solve(balance, none, settings, ReusedTangent.none(forces, none))
+    return correction, outcome
+
+
+def _moved(forces: Forces, position: Rows, frames: Frames | None) -> Frames | None:
+    """Return the frames of a new shape."""
+    if frames is None:
+        return None
+    nodes = forces.nodes(position)
+    return jax.lax.stop_gradient(Frames.of(nodes, frames.at(nodes)))
+
+
 def _settled(
     forces: ActingForces, time: Array, position: Rows, frames: Frames | None
 ) -> tuple[Rows, Frames | None, Memory]:
     """Return a new shape, its frames, and the memory of the threads that slid there."""
-    if frames is not None:
-        nodes = forces.nodes(position)
-        frames = jax.lax.stop_gradient(Frames.of(nodes, frames.at(nodes)))
+    frames = _moved(forces, position, frames)
     motion = statics.static_motion(forces, time, position, frames)
     return position, frames, _of_threads(forces, forces.arm.memory_after(motion))
 

@@ -82,11 +82,7 @@ class FarEdges(FarContact):
         return SelfTouch(gap, force, jnp.sum(gaps < self.contact.skin))
 
     def resolved(
-        self,
-        moved: Rows,
-        before: Float[Array, " pair"],
-        after: Float[Array, " pair"],
-        step: Array,
+        self, moved: Rows, before: Float[Array, " pair"], after: Float[Array, " pair"], step: Array
     ) -> Bool[Array, ""]:
         nodes = moved[ROOT : ROOT + len(self.beyond) + 1, :3]
         farthest = 2 * jnp.sqrt(jnp.max(jnp.sum((nodes - nodes[0]) ** 2, axis=1)))

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -116,7 +115,7 @@ def linearise(laws: Forces, state: State, current: Float[Array, " d"]) -> SmallM
         around = forces.surroundings(stage, zero)
         flows = jnp.where(steady, speed * current, around.velocity)
         slope = jnp.where(steady, 0.0, around.velocity_slope)
-        around = eqx.tree_at(lambda a: (a.velocity, a.velocity_slope), around, (flows, slope))
+        around = replace(around, velocity=flows, velocity_slope=slope)
         return assemble_tangent(forces, stage, forces.motion(stage, zero, around), around).bands
 
     of = jnp.eye(3)[jnp.array([0, 2, 0, 1, 0, 1])]
@@ -144,8 +143,6 @@ def _elastic(
     memory = zip(forces.elements, forces.arm.memory_at_start(motion), strict=True)
     strained = tuple(held if hasattr(one, "material") else None for one, held in memory)
     at_once = ActingForces.of(laws, context.remembering(strained, jnp.zeros(())))
-    more = (
-        assemble_tangent(at_once, stage, at_once.motion(stage, zero, around), around).bands
-        - relaxed
-    )
+    strained_motion = at_once.motion(stage, zero, around)
+    more = assemble_tangent(at_once, stage, strained_motion, around).bands - relaxed
     return more / jnp.sum(stretch.material.relaxation[0, 0])

@@ -25,6 +25,8 @@ from crinoid.numerics.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.numerics.small_matrices import product
 from crinoid.rod.reference import Reference
 
+Rows = Float[Array, "rows b"]
+
 
 def at_end(
     forces: Forces,
@@ -42,17 +44,6 @@ def at_end(
     """
     acting = ActingForces.of(forces, clamped(context, forces, base, stage.time, servo))
     held = None if forces.vehicle is not None else base.prescribe(stage.time, servo)
-    return acting, held, _with_prescribed_motion(acting, held, stage, state, step)
-
-
-def _with_prescribed_motion(
-    forces: Forces, held: Prescribed | None, stage: StepMap, state: State, step: Array
-) -> StepMap:
-    """Return the stage with the prescribed motion of boundary nodes and obstacles set.
-
-    ``held`` is that of the base, None on a floating vehicle. The stage is that of a step of given
-    length (s) from ``state``.
-    """
     rows: tuple[Array, ...] = (stage.position, stage.velocity, stage.acceleration)
     width = stage.position.shape[1]
     if held is not None:
@@ -79,10 +70,9 @@ def _with_prescribed_motion(
             row.at[at].set(pad_columns(value[obstacles.prescribed], width), unique_indices=True)
             for row, value in zip(rows, values, strict=True)
         )
-    return eqx.tree_at(lambda s: (s.position, s.velocity, s.acceleration), stage, rows)
-
-
-Rows = Float[Array, "rows b"]
+    position, velocity, acceleration = rows
+    stage = replace(stage, position=position, velocity=velocity, acceleration=acceleration)
+    return acting, held, stage
 
 
 _GUESSES = np.array(
@@ -140,10 +130,8 @@ def first_guess(
 
 def _is_jerky(state: State, held: Prescribed, count: int) -> Bool[Array, ""]:
     """Return whether the base's acceleration jumps, at the end of a step and in the last ones."""
-    past = jnp.stack([*state.acceleration_history[1::-1], state.motion.acceleration])[
-        :, :BOUNDARY_NODES
-    ]
-    root = jnp.concatenate([past, held.acceleration[None]])
+    past = (*state.acceleration_history[1::-1], state.motion.acceleration)
+    root = jnp.stack([*(each[:BOUNDARY_NODES] for each in past), held.acceleration])
     # the ghost node, for the rotation of the base: the swing of the tip
     root = jnp.stack([(root[:, 0] - root[:, 1]) * count, root[:, 1]], axis=1)
     return jnp.sum(jnp.diff(root, axis=0) ** 2) > JERKY * jnp.sum(root**2)

@@ -128,14 +128,8 @@ class State(eqx.Module):
             pose = Pose(self.obstacle_attitude, turns[self._rows.rotations])
         if self.attitude is not None:
             heading = VehiclePose(self.attitude, turns[ROTATION])
-        return Context(
-            drive=self.motion.drive,
-            memory=self.memory,
-            step=jnp.zeros(()),
-            grip=self.grip,
-            pose=pose,
-            heading=heading,
-        )
+        drive, step = self.motion.drive, jnp.zeros(())
+        return Context(drive, self.memory, step, self.grip, pose, heading)
 
     @property
     def time(self) -> Any:

@@ -58,12 +58,8 @@ def careful(forces: ActingForces, settings: Settings) -> Settings:
     found = [each.finest for each in forces.far_contacts]
     found += [] if forces.obstacles is None else [forces.obstacles.finest]
     room = jnp.min(jnp.stack(found)) / 2 if found else None
-    return eqx.tree_at(
-        lambda s: (s.tolerance, s.max_turn, s.max_move),
-        settings,
-        (TOLERANCE_SHARE * settings.tolerance, jnp.asarray(0.5), room),
-        is_leaf=lambda x: x is None,
-    )
+    tolerance = TOLERANCE_SHARE * settings.tolerance
+    return replace(settings, tolerance=tolerance, max_turn=jnp.asarray(0.5), max_move=room)
 
 
 def find(
@@ -185,13 +181,10 @@ def equilibrium(
         shape = search.shape
         # after the last solve the tolerance is that of a time step
         last = search.solves == allowed(search)
-        judged = eqx.tree_at(
-            lambda s: (s.tolerance, s.max_iterations),
+        judged = replace(
             settings,
-            (
-                jnp.where(last, 1 / TOLERANCE_SHARE, 1.0) * settings.tolerance,
-                jnp.where(last, 0, settings.max_iterations),
-            ),
+            tolerance=jnp.where(last, 1 / TOLERANCE_SHARE, 1.0) * settings.tolerance,
+            max_iterations=jnp.where(last, 0, settings.max_iterations),
         )
         load_factor = jnp.minimum(1.0, search.load_factor + search.share)
         load_factor = jnp.where(search.loaded | last, 1.0, load_factor)
@@ -265,11 +258,11 @@ def equilibrium(
             settled=gives_up | (search.loaded & good & (shift < rates.slowest)),
             solves=search.solves + 1,
             iterations=iterations,
-        ), eqx.tree_at(
-            # only a balance without a medium decides, in the water where the arm is
-            lambda o: (o.converged, o.iterations),
+        ), replace(
             outcome,
-            (solved.converged & outcome.converged & (search.settled | last), iterations),
+            # only a balance without a medium decides, in the water where the arm is
+            converged=solved.converged & outcome.converged & (search.settled | last),
+            iterations=iterations,
         )
 
     shape = _Shape(start + jnp.where(follows, kick(start), 0.0), frames)

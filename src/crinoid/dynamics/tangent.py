@@ -44,9 +44,7 @@ class Tangent(eqx.Module):
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for the unknowns; the other rows are zero."""
-        nodes, extra = self._layout.gather(rhs)
-        found = self._either(nodes, extra, lambda: self._solve_apart(nodes, extra))
-        return self._layout.scatter(*found, rhs.shape)
+        return self._either(rhs, self._solve_apart)
 
     def solve_touching(self, rhs: Rows) -> Rows | None:
         """Solve if far parts touch, which is not in the factors, else return zeros.
@@ -55,9 +53,7 @@ class Tangent(eqx.Module):
         """
         if self.far is None:
             return None
-        nodes, extra = self._layout.gather(rhs)
-        found = self._either(nodes, extra, lambda: (jnp.zeros_like(nodes), jnp.zeros_like(extra)))
-        return self._layout.scatter(*found, rhs.shape)
+        return self._either(rhs, lambda *each: (jnp.zeros_like(each[0]), jnp.zeros_like(each[1])))
 
     def factorise(self) -> TangentFactors:
         """Return the factors of the tangent, without contact of far parts."""
@@ -90,20 +86,19 @@ class Tangent(eqx.Module):
             extra = along + product(border.corner, extra)
         return self._layout.scatter(effect[BOUNDARY_NODES:], extra, rows.shape)
 
-    def _either(
-        self, nodes: Rows, extra: Extra, apart: Callable[[], tuple[Rows, Extra]]
-    ) -> tuple[Rows, Extra]:
+    def _either(self, rhs: Rows, apart: Callable[[Rows, Extra], tuple[Rows, Extra]]) -> Rows:
         """Solve with contact of far parts, or by a function that serves while there is none."""
-        far = self.far
-        if far is None:
-            return apart()
 
-        def whole() -> tuple[Rows, Extra]:
-            both = jnp.concatenate([nodes.reshape(-1), extra])
-            found = jnp.linalg.solve(self._dense(far), both)
+        def whole(nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
+            found = jnp.linalg.solve(self._dense(), jnp.concatenate([nodes.reshape(-1), extra]))
             return found[: nodes.size].reshape(nodes.shape), found[nodes.size :]
 
-        return jax.lax.cond(self.touches, whole, apart)
+        known = self._layout.gather(rhs)
+        if self.far is None:
+            found = apart(*known)
+        else:
+            found = jax.lax.cond(self.touches, lambda: whole(*known), lambda: apart(*known))
+        return self._layout.scatter(*found, rhs.shape)
 
     def _solve_apart(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
         """Solve without contact of far parts."""
@@ -111,8 +106,15 @@ class Tangent(eqx.Module):
         if self.border is None:
             return banded.solve(bands, nodes), extra
         border = self.border.of_free()
+
+        def times(unknowns: tuple[Rows, Extra]) -> tuple[Rows, Extra]:
+            nodes, extra = unknowns
+            along = jnp.einsum("pnb,nb->p", border.of_extra, nodes)
+            pulled = banded.matvec(bands, nodes) + product(border.of_nodes, extra)
+            return pulled, along + product(border.corner, extra)
+
         return jax.lax.custom_linear_solve(
-            lambda x: _matvec(bands, border, *x),
+            times,
             (nodes, extra),
             solve=lambda _, b: BlockElimination.of(bands, border).solve(*b),
             transpose_solve=lambda _, b: BlockElimination.of(
@@ -120,26 +122,23 @@ class Tangent(eqx.Module):
             ).solve(*b),
         )
 
-    def _dense(self, far: Float[Array, "n b n b"]) -> Float[Array, "m m"]:
-        """Return the matrix of the unknowns.
+    def _dense(self) -> Float[Array, "m m"]:
+        """Return the matrix of the unknowns of an arm with contact of far parts.
 
         The pairs of far edges in contact are about as many as the nodes: to eliminate the bands
         first, and then a border of several unknowns a pair, is more work.
         """
         bands = self.bands[BOUNDARY_NODES:]
         count, _, size, _ = bands.shape
-        nodes = far[BOUNDARY_NODES:, :, BOUNDARY_NODES:] + banded.dense(bands)
+        assert self.far is not None
+        nodes = self.far[BOUNDARY_NODES:, :, BOUNDARY_NODES:] + banded.dense(bands)
         nodes = nodes.reshape(count * size, -1)
         if self.border is None:
             return nodes
         border = self.border.of_free()
         p = border.corner.shape[0]
-        return jnp.block(
-            [
-                [nodes, border.of_nodes.reshape(-1, p)],
-                [border.of_extra.reshape(p, -1), border.corner],
-            ]
-        )
+        columns, rows = border.of_nodes.reshape(-1, p), border.of_extra.reshape(p, -1)
+        return jnp.block([[nodes, columns], [rows, border.corner]])
 
     @property
     def _layout(self) -> UnknownLayout:
@@ -235,11 +234,4 @@ def _of_held(bands: banded.Bands) -> Float[Array, "held b n b"]:
     rows = [jnp.moveaxis(bands[i, 2 - i :], 0, 1) for i in range(BOUNDARY_NODES)]
     return jnp.stack(
         [jnp.pad(row, ((0, 0), (0, num_nodes - row.shape[1]), (0, 0))) for row in rows]
-    )
-
-
-def _matvec(bands: banded.Bands, border: Border, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
-    return (
-        banded.matvec(bands, nodes) + product(border.of_nodes, extra),
-        jnp.einsum("pnb,nb->p", border.of_extra, nodes) + product(border.corner, extra),
     )

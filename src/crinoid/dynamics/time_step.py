@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -79,12 +78,7 @@ def step_with(
 
 
 def _judged(
-    system: System,
-    forces: ActingForces,
-    state: State,
-    after: State,
-    outcome: Outcome,
-    step: Array,
+    system: System, forces: ActingForces, state: State, after: State, outcome: Outcome, step: Array
 ) -> Outcome:
     """Return the outcome of a step, rejected for a fold, a large error or a contact too fast.
 
@@ -98,11 +92,8 @@ def _judged(
     error = jnp.where(outcome.converged, largest, 0.0)
     good = outcome.converged & ~folded & (error <= system.max_error)
     resolved = ~good | _resolved(forces, state, after, step)
-    return eqx.tree_at(
-        lambda o: (o.converged, o.resolved, o.folded, o.error),
-        outcome,
-        (good & resolved, resolved, folded, error),
-    )
+    good &= resolved
+    return replace(outcome, converged=good, resolved=resolved, folded=folded, error=error)
 
 
 def _resolved(forces: ActingForces, state: State, after: State, step: Array) -> Bool[Array, ""]:

@@ -66,8 +66,8 @@ class Transition(NamedTuple):
     def A(self) -> Float[Array, "x x"]:
         """State matrix of ``x``, arm and actuators."""
         corner = jnp.zeros((self.actuators.shape[0], self.arm.shape[0]))
-        top = jnp.concatenate([self.arm, self.held + self.driven @ self.actuators], axis=1)
-        return jnp.concatenate([top, jnp.concatenate([corner, self.actuators], axis=1)])
+        driven = self.held + self.driven @ self.actuators
+        return jnp.block([[self.arm, driven], [corner, self.actuators]])
 
     @property
     def B(self) -> Float[Array, "x input"]:
@@ -85,7 +85,7 @@ class LocalCoordinates:
 
     def __init__(self, system: System, state: State) -> None:
         self.system, self.state = system, state
-        self.actuators, self._shaped = numbers_of((state.servo, *state.actuators))
+        self.actuators, self.driven = numbers_of((state.servo, *state.actuators))
         self._memory = numbers_of(state.memory)[1]
 
     @property
@@ -128,7 +128,7 @@ class LocalCoordinates:
     def at(self, arm: Coordinates, actuators: Following) -> State:
         """Return the state with these coordinates."""
         system, state, motion = self.system, self.state, self.state.motion
-        servo, *others = self._shaped(actuators)
+        servo, *others = self.driven(actuators)
         known = (motion.position, motion.velocity, motion.acceleration, state.auxiliary_offset)
         at, shape = self.entries, motion.position.shape
         moving, memory = jnp.split(arm, [len(known) * at.size])
@@ -152,10 +152,6 @@ class LocalCoordinates:
             reused_tangent=state.reused_tangent,
         )
 
-    def driven(self, actuators: Following) -> list[Any]:
-        """Return the states of the actuators, the base's servos first."""
-        return list(self._shaped(actuators))
-
     @property
     def entries(self) -> Int[np.ndarray, " entry"]:
         """Indices of the unknowns of a step among the flattened rows."""
@@ -167,9 +163,8 @@ class LocalCoordinates:
             flat = moves[forces.rows.obstacle_rows].reshape(-1)
             flat[list(forces.obstacles.bodies.unknowns(rows.shape[1]))] = True
         if forces.vehicle is not None:
-            moves[forces.rows.vehicle].reshape(-1)[list(unknowns(forces.axes, rows.shape[1]))] = (
-                True
-            )
+            flat = moves[forces.rows.vehicle].reshape(-1)
+            flat[list(unknowns(forces.axes, rows.shape[1]))] = True
         return np.flatnonzero(moves)
 
 
@@ -212,8 +207,7 @@ def _slopes(function: Callable[..., Array], at: tuple[Array, ...]) -> list[Array
     _, along = jax.linearize(function, *at)
     flat, shaped = ravel_pytree(at)
     columns = jax.vmap(lambda change: along(*shaped(change)))(jnp.eye(flat.size))
-    sizes = [part.size for part in at]
-    ends = [sum(sizes[: index + 1]) for index in range(len(at) - 1)]
+    ends = np.cumsum([part.size for part in at])[:-1]
     parts = jnp.split(columns.T, ends, axis=1)
     return [part.reshape(-1, *each.shape) for part, each in zip(parts, at, strict=True)]
 

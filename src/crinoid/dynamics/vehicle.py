@@ -186,9 +186,8 @@ class Vehicle(eqx.Module):
         """Return minus the unbalanced force (N, world axes) and moment (N m, body axes)."""
         turn, rate = kinematics.attitude, kinematics.rate
         slip = product(kinematics.velocity - flow_velocity, turn)
-        gain = product(kinematics.acceleration - flow_acceleration, turn) - rotation_velocity(
-            rate, slip
-        )
+        gain = product(kinematics.acceleration - flow_acceleration, turn)
+        gain -= rotation_velocity(rate, slip)
         water = self.added_mass * slip
         drag = self.drag * smooth_speed(slip**2) * slip
         if self.linear_drag is not None:
@@ -250,8 +249,3 @@ def unknowns(axes: int, width: int) -> tuple[int, ...]:
     """Return the indices of a vehicle's unknowns among its two flattened rows."""
     turns = 1 if axes == 2 else 3
     return (*range(axes), *range(width, width + turns))
-
-
-def vehicle_rows(force: Vector, moment: Turns, width: int) -> Held:
-    """Return a force and a moment as the rows of a vehicle."""
-    return jnp.stack([jnp.pad(part, (0, width - part.size)) for part in (force, moment)])

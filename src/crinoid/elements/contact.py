@@ -7,10 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.elements.element import Motion
 from crinoid.elements.soft_skin import SoftSkin, closest_of_cores, rows_of, size, surfaces
-from crinoid.foundation.fixed_numbers import (
-    EASE,
-    SKIN,
-)
+from crinoid.foundation.fixed_numbers import EASE, SKIN
 from crinoid.numerics.frames import cross, moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod

@@ -87,7 +87,8 @@ class Elastic(Element):
 
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
         strain, rate, forces = self.deformation(motion)
-        return forces(self.modulus * self.material.stress(strain, rate, motion.memory, motion.step))
+        viscous = self.material.viscous_stress(strain, rate, motion.memory, motion.step)
+        return forces(self.modulus * (strain + viscous))
 
     def working(self, motion: Motion) -> Float[Array, "k b"]:
         strain, rate, forces = self.deformation(motion)

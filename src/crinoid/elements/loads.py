@@ -9,16 +9,9 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
 from crinoid.numerics.banded import pad_columns
-from crinoid.numerics.frames import (
-    beyond,
-    cross,
-    dot,
-    rotate_90,
-    spun,
-    transport,
-    unit,
-)
+from crinoid.numerics.frames import beyond, cross, dot, rotate_90, spun, transport, unit
 from crinoid.numerics.ramp import Onset
+from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 
 Vector = Sequence[float] | Array
@@ -72,7 +65,8 @@ class DistributedLoad(Element):
         else:
             normal = cross(tangent, motion.orientation.director[1])
         force = self.tangential * tangent + self.normal * normal + self.fixed
-        return -self.onset(motion.time) * _with_torque(jnp.stack([force, force]), motion)
+        both = pad_columns(jnp.stack([force, force]), motion.position.shape[1])
+        return -self.onset(motion.time) * both
 
 
 class TipLoad(Element):
@@ -140,23 +134,14 @@ class TipLoad(Element):
             m_1 = transport(director[2], last, tip)
             m_1 = spun(m_1, tip, 0.5 * motion.orientation.twist[1])
             axes = jnp.stack([tip, m_1, cross(tip, m_1)])
-            moment = self.moment + _combined(self.follower_moment, axes)
+            moment = self.moment + product(self.follower_moment, axes)
             couple, torque = cross(moment, last) / length, dot(moment, last)
-        follower = _combined(self.follower_force, axes)
+        follower = product(self.follower_force, axes)
         force = jnp.stack([jnp.zeros_like(couple), -couple, self.dead_force + follower + couple])
-        force = _with_torque(force, motion)
+        force = pad_columns(force, motion.position.shape[1])
         if torque is not None:
             force = force.at[2, 3].set(torque)
         return -self.onset(motion.time) * force
-
-
-def _with_torque(force: Float[Array, "k d"], motion: Motion) -> Float[Array, "k b"]:
-    """Add a column of zero torques to forces on nodes, where edges spin."""
-    return pad_columns(force, motion.position.shape[1])
-
-
-def _combined(parts: Float[Array, " d"], axes: Float[Array, "d d"]) -> Float[Array, " d"]:
-    return jnp.sum(parts[:, None] * axes, axis=0)
 
 
 def _repeated(onset: Onset | None, shape: tuple[int, ...]) -> Onset:

@@ -62,16 +62,6 @@ class Material(eqx.Module):
         decayed = jnp.exp(-step / self.relaxation[1]) * memory.branches
         return Strained(strain, decayed + self._gain(step) * (strain - memory.strain)[..., None])
 
-    def stress(
-        self,
-        strain: Float[Array, "..."],
-        rate: Float[Array, "..."],
-        memory: Strained | None,
-        step: Float[Array, ""] | None,
-    ) -> Float[Array, "..."]:
-        """Return the stress over the stiffness."""
-        return strain + self.viscous_stress(strain, rate, memory, step)
-
     def viscous_stress(
         self,
         strain: Float[Array, "..."],

@@ -33,14 +33,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Motion
-from crinoid.numerics.frames import (
-    cross,
-    dot,
-    moments,
-    rotate_90,
-    rotation_velocity,
-    unit,
-)
+from crinoid.numerics.frames import cross, dot, moments, rotate_90, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 
 _SIGN = np.array([[-1.0], [1.0]])

@@ -88,11 +88,9 @@ class Synchronisation(Oscillator):
 
     def start(self, angle: Scalar, at: Oscillation) -> Synchronised:
         flows = jnp.stack([at.relative] * 3, axis=-2)
-        velocity = self._velocity(flows, at)
-        squares = self._squares(velocity, at)
-        return Synchronised(
-            angle, self._rate(angle, velocity, squares, at), flows, squares, squares
-        )
+        velocity, squares = self._oscillating(flows, at)
+        rate = self._rate(angle, velocity, squares, at)
+        return Synchronised(angle, rate, flows, squares, squares)
 
     def advance(self, state: Synchronised, at: Oscillation, step: Length) -> Synchronised:
         left = jnp.exp(-step * self.harmonic * self.centre * at.shedding / AVERAGED_PERIODS)
@@ -103,8 +101,7 @@ class Synchronisation(Oscillator):
         once = mean(state.flows[..., 1, :], state.flows[..., 0, :], at.relative)
         twice = mean(state.flows[..., 2, :], state.flows[..., 1, :], once)
         flows = jnp.stack([at.relative, once, twice], axis=-2)
-        velocity = self._velocity(flows, at)
-        squares = self._squares(velocity, at)
+        velocity, squares = self._oscillating(flows, at)
         means = mean(state.mean_squares, state.squares, squares)
         # Heun's method
         guess = self._rate(state.angle + step * state.rate, velocity, means, at)
@@ -118,11 +115,12 @@ class Synchronisation(Oscillator):
     def phase(self, state: Synchronised) -> Scalar:
         return state.angle
 
-    def _velocity(self, flows: Float[Array, "*count 3 d"], at: Oscillation) -> Scalar:
-        return jnp.sum((flows[..., 2, :] - flows[..., 0, :]) * at.direction, axis=-1)
-
-    def _squares(self, velocity: Scalar, at: Oscillation) -> Float[Array, "*count 2"]:
-        return jnp.stack([velocity**2, at.acceleration**2], axis=-1)
+    def _oscillating(
+        self, flows: Float[Array, "*count 3 d"], at: Oscillation
+    ) -> tuple[Scalar, Float[Array, "*count 2"]]:
+        """Return the oscillation's velocity (m/s), and the squares of it and its acceleration."""
+        velocity = jnp.sum((flows[..., 2, :] - flows[..., 0, :]) * at.direction, axis=-1)
+        return velocity, jnp.stack([velocity**2, at.acceleration**2], axis=-1)
 
     def _rate(
         self, angle: Scalar, velocity: Scalar, means: Float[Array, "*count 2"], at: Oscillation

@@ -128,12 +128,8 @@ def rows_of(vector: Float[Array, " _"], width: int) -> Float[Array, "1 b"]:
 
 def surfaces(rod: Rod) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
     """Return the radius of each edge (m), and its force where surfaces meet (N)."""
-    radius = _at_edges(rod.diameter) / 2
+    radius = rod.edge_diameter[:, 1] / 2
     # in space that of the stiffer direction
     stiffness = jnp.max(rod.EI.reshape(rod.nodes, -1), axis=1)
-    modulus = _at_edges(stiffness) / (jnp.pi / 4 * radius**4)
+    modulus = 0.5 * (stiffness[1:] + stiffness[:-1]) / (jnp.pi / 4 * radius**4)
     return radius, SKIN_STRENGTH * modulus * radius**2
-
-
-def _at_edges(nodal: Float[Array, " n"]) -> Float[Array, " n-1"]:
-    return 0.5 * (nodal[1:] + nodal[:-1])

@@ -117,10 +117,6 @@ class Tool(Element):
         held = self.held if motion.memory is None else motion.memory
         return held.whole(motion.time) * total
 
-    def centre(self, place: _Points) -> Float[Array, " d"]:
-        """Return the position of the centre of mass for the ends of the last edge (m)."""
-        return self._stance(place)[0]
-
     def _stance(self, place: _Points) -> _Points:
         """Return the centre of mass (m) and the direction of the edge."""
         tangent, _ = unit(place[1] - place[0])

@@ -29,7 +29,6 @@ from crinoid.elements.oscillators import Oscillation, Oscillator
 from crinoid.elements.water import smooth_speed
 from crinoid.numerics.frames import cross, unit
 from crinoid.rod import Rod
-from crinoid.rod.reference import along, at_ends
 
 
 class VortexForces(NamedTuple):
@@ -87,7 +86,7 @@ class Vortices(Element):
 
         return Vortices(
             1,
-            jax.vmap(along)(at_ends(rod.diameter))[:, 1],
+            rod.edge_diameter[:, 1],
             rod.rest_length,
             each(jnp.asarray(density, float)),
             each(coefficients),
@@ -120,10 +119,7 @@ class Vortices(Element):
         return VortexForces(self._force(directions, speed, signals), phase)
 
     def _force(
-        self,
-        directions: Float[Array, "2 d"],
-        speed: Float[Array, ""],
-        signals: Float[Array, "2"],
+        self, directions: Float[Array, "2 d"], speed: Float[Array, ""], signals: Float[Array, "2"]
     ) -> Float[Array, " d"]:
         pressure = 0.5 * self.density * self.diameter * speed**2
         return pressure * jnp.sum((self.coefficients * signals)[:, None] * directions, axis=0)

@@ -18,7 +18,7 @@ from crinoid.elements.element import Element, Motion
 from crinoid.numerics.frames import unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
-from crinoid.rod.reference import along, at_ends, mass_matrices, shared
+from crinoid.rod.reference import along, mass_matrices, shared
 
 
 class Drag(Element):
@@ -59,13 +59,13 @@ class Drag(Element):
         With a kinematic ``viscosity`` (m2/s) ``normal`` is a factor on the drag of a cylinder.
         """
         length = rod.rest_length[:, None]
-        wetted = 0.5 * density * jax.vmap(along)(at_ends(rod.diameter)) * length
+        wetted = 0.5 * density * rod.edge_diameter * length
         return Drag(
             1,
             jnp.asarray(normal) * wetted,
             jnp.asarray(tangential) * jnp.pi * wetted,
             jnp.asarray(linear) * jnp.broadcast_to(length, wetted.shape),
-            None if viscosity is None else jax.vmap(along)(at_ends(rod.diameter)) / viscosity,
+            None if viscosity is None else rod.edge_diameter / viscosity,
         )
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:

@@ -32,14 +32,12 @@ def cosine(turns: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return cosine_and_sine(turns)[0]
 
 
-def sine(turns: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Return ``sin(2 pi turns)``, within 6e-16."""
-    return cosine_and_sine(turns)[1]
-
-
 @jax.custom_jvp
 def cosine_and_sine(turns: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Return both; as each is the derivative of the other, reverse mode stores only these two."""
+    """Return ``cos(2 pi turns)`` and ``sin(2 pi turns)``, within 6e-16.
+
+    As each is the derivative of the other, reverse mode stores only these two.
+    """
     rest = turns - jnp.round(turns)
     size = jnp.abs(rest)
     quarter = 0.25 - size

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Flow, Jet, Point, Time
-from crinoid.flow.turbulence import cosine, sine
+from crinoid.flow.turbulence import cosine, cosine_and_sine
 from crinoid.foundation.fixed_numbers import (
     DEEP_WATER,
     SPECTRUM_HIGHEST,
@@ -148,9 +148,8 @@ class Waves(Flow):
         from_surface = jnp.exp(self._numbers * height)
         from_bed = jnp.exp(-self._numbers * (height + 2 * self.depth))
         share = -1 / jnp.expm1(-2 * self._numbers * self.depth)
-        turns = self._turns(point, time)
         across, up = share * (from_surface + from_bed), share * (from_surface - from_bed)
-        cos, sin = cosine(turns), sine(turns)
+        cos, sin = cosine_and_sine(self._turns(point, time))
         return jnp.concatenate([across * cos, across * sin, up * cos, up * sin])
 
     def _weights(self) -> Float[Array, "shapes b"]:

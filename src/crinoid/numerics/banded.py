@@ -62,6 +62,12 @@ def dense(bands: Bands) -> Float[Array, "n b n b"]:
     return whole.at[node, :, node + jnp.arange(5)].set(bands)[:, :, 2:-2]
 
 
+def places(num_nodes: int, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return row and column of each entry of bands in the whole matrix, some outside of it."""
+    node, offset, i, j = np.indices((num_nodes, 5, size, size))
+    return node * size + i, (node + offset - 2) * size + j
+
+
 def transpose(bands: Bands) -> Bands:
     """Return the bands of the transposed matrix."""
     num_nodes = bands.shape[0]
@@ -116,21 +122,12 @@ def factorise(bands: Bands) -> Factors:
     outside = jnp.zeros_like(pairs[:, 0, 0])
 
     def coupling(offset: int) -> Blocks:
-        # node `row` of a pair and node `column` of the pair `offset` further on
-        return jnp.concatenate(
-            [
-                jnp.concatenate(
-                    [
-                        pairs[:, row, d + 2] if abs(d) <= 2 else outside
-                        for column in (0, 1)
-                        for d in [2 * offset + column - row]
-                    ],
-                    axis=-1,
-                )
-                for row in (0, 1)
-            ],
-            axis=-2,
-        )
+        def block(row: int, column: int) -> Blocks:
+            # node `row` of a pair and node `column` of the pair `offset` further on
+            d = 2 * offset + column - row
+            return pairs[:, row, d + 2] if abs(d) <= 2 else outside
+
+        return _joined([[block(row, column) for column in (0, 1)] for row in (0, 1)])
 
     lower, main, upper = coupling(-1), coupling(0), coupling(1)
     rows = (_ends(lower, upper), _ends(main, main), _ends(upper, lower))
@@ -224,10 +221,9 @@ def _inverse(block: Float[Array, "... m m"]) -> Float[Array, "... m m"]:
     c_a = product(c, a_inverse)
     schur = _inverse(d - product(c, a_b))
     corner = product(a_b, schur)
-    return jnp.concatenate(
-        [
-            jnp.concatenate([a_inverse + product(corner, c_a), -corner], axis=-1),
-            jnp.concatenate([-product(schur, c_a), schur], axis=-1),
-        ],
-        axis=-2,
-    )
+    return _joined([[a_inverse + product(corner, c_a), -corner], [-product(schur, c_a), schur]])
+
+
+def _joined(blocks: list[list[Array]]) -> Array:
+    """Return matrices from their blocks; unlike `jnp.block`, without a call inside of loops."""
+    return jnp.concatenate([jnp.concatenate(row, axis=-1) for row in blocks], axis=-2)

@@ -270,6 +270,11 @@ class Rod(Reference):
         )
 
     @property
+    def edge_diameter(self) -> Float[Array, "e 3"]:
+        """Hydrodynamic diameter at the start, the middle and the end of each edge (m)."""
+        return jax.vmap(along)(jnp.stack([self.diameter[:-1], self.diameter[1:]], axis=1))
+
+    @property
     def reference(self) -> Reference:
         """The undeformed arm, without the properties of its sections."""
         return Reference(self.rest_length, self.rest_curvature, self.rest_twist)
@@ -283,11 +288,6 @@ def logarithmic_mean(a: Float[Array, " n"], b: Float[Array, " n"]) -> Float[Arra
     series = 1 + squared * (1 / 3 + squared * (1 / 5 + squared * (1 / 7 + squared / 9)))
     apart = jnp.where(small, 0.5, skew)
     return 0.5 * (a + b) / jnp.where(small, series, jnp.arctanh(apart) / apart)
-
-
-def at_ends(nodal: Float[Array, " n"]) -> Float[Array, "n-1 2"]:
-    """Return the values at both ends of each edge."""
-    return jnp.stack([nodal[:-1], nodal[1:]], axis=1)
 
 
 def along(ends: Float[Array, "2 ..."]) -> Float[Array, "3 ..."]:

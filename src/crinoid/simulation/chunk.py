@@ -1,5 +1,7 @@
 """Compiled chunk of a run, and its record."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,7 +18,6 @@ from crinoid.dynamics import (
     Outcome,
     State,
     StepStatistics,
-    VehicleOutput,
 )
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState
@@ -42,6 +43,9 @@ def record(loop: Loop, carry: LoopState) -> Record:
     spatial = state.frames is not None
     touches = {type(each): each.touch(state.motion, forces.heading) for each in forces.far_contacts}
     estimate, estimate_time = loop.estimate(carry)
+    vehicle = None
+    if system.forces.vehicle is not None and state.attitude is not None:
+        vehicle = system.forces.vehicle.vehicle_output(state.motion, state.attitude)
     return Record(
         time=state.time,
         position=state.position[1:],
@@ -78,7 +82,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         vortices=forces.arm.vortex_forces(state.motion),
         self_touch=touches.get(FarEdges),
         hull_touch=touches.get(Hull),
-        vehicle=_vehicle_output(system.forces, state),
+        vehicle=vehicle,
         estimate=estimate,
         estimate_time=estimate_time,
         held=forces.arm.tool_factor(state.time),
@@ -121,7 +125,7 @@ def _advance_to_instant(
     tally = jax.tree.map(
         lambda none, some: jnp.where(is_due, none, some), StepStatistics.of_nothing(), carry.tally
     )
-    return eqx.tree_at(lambda c: c.tally, carry, tally), now, is_due, outcome
+    return replace(carry, tally=tally), now, is_due, outcome
 
 
 def run_chunk(
@@ -205,11 +209,3 @@ def _obstacle_axes(forces: Forces, state: State) -> Float[Array, "m d"] | None:
     size = jnp.sqrt(jnp.sum(half**2, axis=1, keepdims=True))
     axis = jnp.where(size > 0, half / jnp.where(size > 0, size, 1.0), jnp.eye(half.shape[1])[0])
     return jnp.sum(state.obstacle_attitude * axis[:, None, :], axis=-1)
-
-
-def _vehicle_output(forces: Forces, state: State) -> VehicleOutput | None:
-    """Return pose and thrust of the vehicle; None if the base does not float."""
-    vehicle = forces.vehicle
-    if vehicle is None or state.attitude is None:
-        return None
-    return vehicle.vehicle_output(state.motion, state.attitude)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 
 import equinox as eqx
@@ -71,11 +72,7 @@ def command_failure(inputs: Sequence[Input], command: Sequence[float], time: flo
 def short_step_failure(scenario: Scenario, system: System, state: State, outcome: Outcome) -> str:
     """Return why no step from ``state`` was found, without its past."""
     what, remedy = _trouble(scenario, system, state, outcome)
-    return f"{_when(state)}: {what}; try {remedy}"
-
-
-def _when(state: State) -> str:
-    return f"failed at t = {float(state.time):.6g} s"
+    return f"failed at t = {float(state.time):.6g} s: {what}; try {remedy}"
 
 
 def step_failure(
@@ -88,7 +85,7 @@ def step_failure(
 ) -> str:
     """Return why no step from ``state``, the end of ``dataset``, was found."""
     simulation, obstacles = scenario.simulation, system.forces.obstacles
-    when = _when(state)
+    when = f"failed at t = {float(state.time):.6g} s"
     what, remedy = _trouble(scenario, system, state, outcome)
     if defect is not None and defect.gained:
         return f"{when}: {defect.summary}; {defect.cause}, until {what}; try {defect.remedy}"
@@ -173,11 +170,11 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
     else:
         command, before = jnp.zeros(len(system.inputs)), (state.servo, *state.actuators)
         states, old = followed(system.followers, before, command, step)[1:], state.motion
-        motion = eqx.tree_at(
-            lambda m: (m.time, m.position, m.drive),
+        motion = replace(
             old,
-            (old.time + step, old.position + step * old.velocity, drives(system.actuators, states)),
-            is_leaf=lambda x: x is None,
+            time=old.time + step,
+            position=old.position + step * old.velocity,
+            drive=drives(system.actuators, states),
         )
     points = forces.origin + motion.position[:, : forces.axes]
     given = [one.drive(each) for one, each in zip(system.actuators, states, strict=True)]
@@ -227,12 +224,7 @@ def dataset_builder(setup: Setup) -> Build:
     def build(kept: Record, before: float | None) -> xr.Dataset:
         system, diameters = loop.system, scenario.arm.diameters
         if not loop.enabled:  # the observer does not run either
-            kept = eqx.tree_at(
-                lambda each: (each.estimate, each.estimate_time),
-                kept,
-                (None, None),
-                is_leaf=lambda leaf: leaf is None,
-            )
+            kept = replace(kept, estimate=None, estimate_time=None)
         run, modes = Instants(system, kept, before), setup.modes
         built = build_dataset(
             run,

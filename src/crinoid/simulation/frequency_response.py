@@ -13,6 +13,7 @@ from scipy.linalg import solve_banded
 
 from crinoid.dynamics import Influence
 from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.numerics import banded
 
 Bands = Float[np.ndarray, "n 5 b b"]
 _MOST_KNOWN = 8
@@ -48,8 +49,11 @@ class Plant(NamedTuple):
     def _solve(self, frequency: Inexact[np.ndarray, " f"]) -> Complex[np.ndarray, "f pose input"]:
         held, loads, tip = map(np.asarray, self.influence[:3])
         size = self.stiffness.shape[-1]
-        row, column, inside, known = _layout(*self.stiffness.shape[:3:2])
-        beyond, free = 3 * size - 1, (self.stiffness.shape[0] - BOUNDARY_NODES) * size
+        nodes = self.stiffness.shape[0] - BOUNDARY_NODES
+        beyond, free = 3 * size - 1, nodes * size
+        row, column = map(np.ravel, banded.places(nodes, size))
+        # the free nodes are the unknowns; columns of the held ones are negative
+        inside, known = np.flatnonzero((column >= 0) & (column < free)), np.flatnonzero(column < 0)
         pull, follow = np.zeros((free, 0)), np.zeros((0, math.prod(loads.shape[:2])))
         if self.influence.lines is not None:  # loads of lines, by held and free nodes
             pull, follow = map(np.asarray, self.influence.lines)
@@ -88,19 +92,6 @@ class Plant(NamedTuple):
             load = np.linalg.solve(np.eye(pull.shape[1]) + followed @ taut, followed @ alone)
             alone = alone - taut @ load
         base = np.broadcast_to(moved, (frequency.size, *moved.shape))
-        nodes = np.concatenate([base, alone], axis=1)[:, -3 * size :]
-        last = nodes.reshape(frequency.size, 3, size, -1)[:, :, : tip.shape[2]]
+        last = np.concatenate([base, alone], axis=1)[:, -3 * size :]
+        last = last.reshape(frequency.size, 3, size, -1)[:, :, : tip.shape[2]]
         return np.einsum("pnd,fndc->fpc", tip, last)
-
-
-def _layout(nodes: int, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return row and column of each entry of the bands among the free nodes, and which count.
-
-    Columns of the held nodes are negative. ``inside`` are entries among free nodes, ``known`` those
-    that multiply held nodes.
-    """
-    node, offset, i, j = np.indices((nodes - BOUNDARY_NODES, 5, size, size))
-    row = (node * size + i).reshape(-1)
-    column = ((node + offset - 2) * size + j).reshape(-1)
-    inside = (column >= 0) & (column < (nodes - BOUNDARY_NODES) * size)
-    return row, column, np.flatnonzero(inside), np.flatnonzero(column < 0)

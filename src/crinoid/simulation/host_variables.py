@@ -102,14 +102,17 @@ def outputs_of(prepared: Prepared) -> list[Outputs]:
     count, nodes, channels = scenario.arm.dimension, scenario.arm.nodes, channels_of(scenario)
     tip, *others = prepared.sensors
     pose, forces = tip.measurand.names(count), [(axis, "N") for axis in AXES[count]]
-    moments = ("_", [(axis, "N m") for axis in AXES[3]]) if count == 3 else ("", [("", "N m")])
+    moment, moments = "base_moment", [("", "N m")]
+    if count == 3:
+        moment, moments = "base_moment_", [(axis, "N m") for axis in AXES[3]]
     own = "in the frame of the target"
+    newest = f"newest known pose of the tip, {own}"
     rows: list[tuple[str, Iterable[tuple[str, str]], str, Values]] = [
         ("tip_", pose, "pose of the tip in the world", lambda _, now: now.tip),
         ("target_", pose, f"pose for the tip, {own}", lambda session, _: session.seen.reference),
-        ("measured_", pose, f"newest known pose of the tip, {own}", _measured),
+        ("measured_", pose, newest, lambda session, _: session.seen.measured),
         ("base_force_", forces, "force of the arm on its base", lambda _, now: now.base_force),
-        (f"base_moment{moments[0]}", moments[1], "moment of the arm on its base", _base_moment),
+        (moment, moments, "moment of the arm on its base", lambda _, now: now.base_moment),
         ("base_pose_", channels, "displacement of the base", lambda _, now: now.pose),
         ("max_curvature", [("", "m-1")], "largest curvature", _largest_curvature),
     ]
@@ -129,15 +132,8 @@ def outputs_of(prepared: Prepared) -> list[Outputs]:
         for prefix, parts, meaning, of in rows
     ]
     shape = HostVariable("shape", "m", "position of each node in the world", None, (nodes, count))
-    return [*found, Outputs((shape,), _shape)]
-
-
-def _measured(session: Session, _: Record) -> ArrayLike:
-    return session.seen.measured
-
-
-def _base_moment(_: Session, now: Record) -> ArrayLike:
-    return now.base_moment
+    where = Outputs((shape,), lambda session, now: now.position + session.loop.system.forces.origin)
+    return [*found, where]
 
 
 def _largest_curvature(_: Session, now: Record) -> ArrayLike:
@@ -152,7 +148,3 @@ def _vehicle_pose(_: Session, now: Record) -> ArrayLike:
 
 def _reading(name: str) -> Values:
     return lambda session, _: session.seen.readings[name].value
-
-
-def _shape(session: Session, now: Record) -> ArrayLike:
-    return now.position + session.loop.system.forces.origin

@@ -264,19 +264,16 @@ def _commands(loop: Loop, state: State, calls: Int[Array, ""]) -> Float[Array, "
         memory, command, total = carry
         late = index * loop.clock.period
         perturbation = _PERTURBATION * jnp.sin(0.7 * index)
-        seen = eqx.tree_at(
-            lambda s: (s.time, s.measurement_time, s.measured, s.command, s.readings),
+        seen = replace(
             first,
-            (
-                first.time + late,
-                first.measurement_time + late,
-                first.measured + perturbation,
-                command,
-                {
-                    name: Reading(reading.value + perturbation, reading.measurement_time + late)
-                    for name, reading in first.readings.items()
-                },
-            ),
+            time=first.time + late,
+            measurement_time=first.measurement_time + late,
+            measured=first.measured + perturbation,
+            command=command,
+            readings={
+                name: Reading(reading.value + perturbation, reading.measurement_time + late)
+                for name, reading in first.readings.items()
+            },
         )
         command, memory = loop.controller.command(memory, seen)
         command = jnp.clip(command, seen.lower, seen.upper)

@@ -7,10 +7,10 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -175,7 +175,7 @@ def play(
 
 def without_control(setup: Setup) -> Setup:
     """Return the same case with the controller off."""
-    loop = eqx.tree_at(lambda loop: loop.enabled, setup.loop, jax.device_put(np.asarray(False)))
+    loop = replace(setup.loop, enabled=jax.device_put(np.asarray(False)))
     return setup._replace(loop=loop, loop_warnings=[])
 
 

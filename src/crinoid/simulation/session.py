@@ -137,10 +137,9 @@ class Session(Represented, SteppedRun):
         step, stride = self.scenario.simulation.time_step, self.scenario.output_steps
         super().__init__(stride, math.ceil(1 / (step * stride * given.control_rate_hz)) + 1)
         self._start()
-        trouble = start_failure(self.scenario, self.loop.system, setup.outcome)
-        if trouble:
-            dataset, spent = self._sink.close(self.state, 0.0), 0.0
-            raise SimulationError(conclude(setup, self.state, dataset, trouble, None, spent))
+        if trouble := start_failure(self.scenario, self.loop.system, setup.outcome):
+            dataset = self._sink.close(self.state, 0.0)
+            raise SimulationError(conclude(setup, self.state, dataset, trouble, None, 0.0))
         self.compile()
         if resume is not None:
             self._resume(resume)

@@ -77,8 +77,7 @@ def magnitude(value: Any) -> float:
 
 def _range(low: float, high: float, unit: str) -> str:
     if math.isinf(high):
-        words = f"{low:g}"
-        return f"{words} {unit}".rstrip() + " or more"
+        return f"{low:g} {unit}".rstrip() + " or more"
     words = f"{low:g} to {high:g}" if low else f"up to {high:g}"
     return f"{words} {unit}".rstrip()
 
