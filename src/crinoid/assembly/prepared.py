@@ -75,12 +75,12 @@ class Prepared:
         if not measured:
             return {}
         _ = self.digests
-        from crinoid.recording import PlaybackWindow, read_recording  # xarray, slow to load
+        from crinoid.recording import arm_reach, read_recording  # xarray, slow to load
 
-        stage = PlaybackWindow.of(self.scenario, self.series)
+        reach = arm_reach(self.scenario, self.series)
         found = gathered(
             {
-                f"flow.{index}": lambda flow=flow: read_recording(flow, stage)
+                f"flow.{index}": lambda flow=flow: read_recording(flow, self.scenario, reach)
                 for index, flow in measured.items()
             }
         )

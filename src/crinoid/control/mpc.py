@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from crinoid.base import Base
 from crinoid.control.controller import Command, Controller, ControllerInput
 from crinoid.control.forecast import Forecast
-from crinoid.control.lqg import ModelBased, ObserverState, wanted_commands
+from crinoid.control.lqg import ModelBased, ObserverState
 from crinoid.control.qp import HorizonQp
 from crinoid.control.target import pose_error
 from crinoid.numerics.small_matrices import product
@@ -75,8 +75,7 @@ class Mpc(ModelBased):
 
     def command(self, memory: MpcMemory, seen: ControllerInput) -> tuple[Command, MpcMemory]:
         rows = jnp.asarray(self.rows, int)
-        aims = wanted_commands(seen, self.mapping, self.observer.values, self.lead)
-        planned = self.plan(memory, seen, aims)
+        planned = self.plan(memory, seen, self.wanted_commands(seen))
         found = self.qp.solve(
             planned.gradient,
             lower=seen.lower[rows],

@@ -152,8 +152,8 @@ class Training:
         """Return the cost of a policy in the held-out episodes, and its RMS error (m)."""
         segment = replace(self._segment, steps=self.scenario.simulation.steps)
         found = self._learners.run(evaluate, (segment, policy), self._held_out)
-        cost = np.mean([float(each.cost) for each in found])
-        return float(cost), float(np.sqrt(np.mean([float(each.error) for each in found])))
+        cost, error = np.mean(np.array(found, float), axis=0)
+        return float(cost), float(np.sqrt(error))
 
     def _evaluate(self) -> None:
         self.rows.append((self.updates, *self._mean(self.learner.policy)))

@@ -169,7 +169,7 @@ class MeasuredFlow(FlowTable):
     def build(self, scenario: Any, generator: Any, recording: Any) -> Any:  # type: ignore[override]
         """Return the `crinoid.Flow` of a recording that was read from the file."""
         played = resolve_name("crinoid.assembly.arrays:measured")
-        return played(self.onset, recording, scenario.base.position)
+        return played(self.onset, recording, scenario)
 
     @property
     def components(self) -> tuple[Component | None, ...]:
