@@ -75,12 +75,12 @@ class Prepared:
         if not measured:
             return {}
         _ = self.digests
-        from crinoid.recording import arm_reach, read_recording  # xarray, slow to load
+        from crinoid.recording import read_recording  # xarray, slow to load
 
-        reach = arm_reach(self.scenario, self.series)
+        scenario, series = self.scenario, self.series
         found = gathered(
             {
-                f"flow.{index}": lambda flow=flow: read_recording(flow, self.scenario, reach)
+                f"flow.{index}": lambda flow=flow: read_recording(flow, scenario, series)
                 for index, flow in measured.items()
             }
         )

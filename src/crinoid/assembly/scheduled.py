@@ -19,7 +19,6 @@ from crinoid.control import Mpc, RigidRotationCorrection, ScheduledMpc, commands
 from crinoid.dynamics import System, numbers_of
 from crinoid.scenario import refusal
 
-Matrix = Float[np.ndarray, "_ _"]
 Turn = Float[np.ndarray, " angle"]
 
 _SPACING = 0.35
@@ -40,7 +39,7 @@ class _LocalController(NamedTuple):
     controller: Mpc
     turned: RigidRotationCorrection
     """Part of the turn that its model lacks away from there."""
-    standing: Matrix
+    standing: Float[np.ndarray, "z s"]
     """Estimate at rest, by the actuators."""
 
 

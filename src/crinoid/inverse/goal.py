@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crinoid.results.metrics import Measure, measures_of
-from crinoid.scenario import Mistake, Scenario, ScenarioError, got, refusal
+from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.document import value_of
 
 _LIMIT = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
@@ -66,7 +66,7 @@ class Goal:
         for option, name in (("--for", measure), *(("--keep", x.measure) for x in self.limits)):
             if name not in known:
                 near = ", ".join(get_close_matches(name, known, 3) or known)
-                raise ScenarioError([Mistake(option, got(name, f"be a measure, such as {near}"))])
+                raise refusal(option, got(name, f"be a measure, such as {near}"))
         runs = [known[name] for name in (measure, *(limit.measure for limit in self.limits))]
         self.smooth = tuple(each.smooth for each in runs)
         """Functions with derivatives of the measures of a run; empty for one without."""

@@ -38,7 +38,6 @@ _ALIKE = 1e-6
 _NORMAL = 1.959964
 """Half of the 95 % interval of a normal law, over its standard deviation."""
 
-Matrix = Float[np.ndarray, "parameter parameter"]
 Runs = list[RecordComparison]
 
 
@@ -215,7 +214,7 @@ class Identification:
         pairs = zip(self.weights, self.found.runs, strict=True)
         return np.concatenate([each.correlation(run) for each, run in pairs], axis=1)
 
-    def covariance(self) -> Matrix:
+    def covariance(self) -> Float[np.ndarray, "parameter parameter"]:
         """Return the covariance of the logarithms of the parameters; infinite if it is singular."""
         assert self.found is not None
         count = len(self.unknowns.keys)

@@ -33,7 +33,7 @@ from crinoid.learning.imitation import imitate
 from crinoid.learning.rollout import EpisodePool, Learners, RolloutSegment, StageCost, evaluate
 from crinoid.learning.settings import TrainingSettings
 from crinoid.results.dataset import describe
-from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
+from crinoid.scenario import Scenario, refusal, shown
 from crinoid.simulation import closed_loop
 
 EVALUATION_INTERVAL = 25
@@ -217,7 +217,7 @@ class Training:
                 self._set(dict(file))
         except Exception as error:  # numpy and zipfile raise many exceptions on damage
             text = f"cannot be resumed ({error!r}). Omit --resume to start a new training."
-            raise ScenarioError([Mistake(str(path), text)]) from error
+            raise refusal(str(path), text) from error
 
     def check_same(self, path: Path, remedy: str) -> None:
         """Refuse the checkpoint of another training, naming the difference."""
@@ -231,7 +231,7 @@ class Training:
             else:
                 text = f"is of another training: got {key} {shown(given)}; must be {shown(saved)}."
                 text += " Use the same settings, or"
-            raise ScenarioError([Mistake(str(path), f"{text} {remedy}.")])
+            raise refusal(str(path), f"{text} {remedy}.")
 
     def _set(self, saved: dict[str, np.ndarray]) -> None:
         self.learner = _restore(self.learner, saved, "learner")

@@ -21,16 +21,11 @@ _STRETCH = 1.1
 """Factor on the length of an arm; no current stretches one so far."""
 
 
-def arm_reach(scenario: Scenario, series: Mapping[str, Series]) -> float:
-    """Return the greatest distance of the arm from the set position of its root (m).
+def base_travel(scenario: Scenario, series: Mapping[str, Series]) -> float:
+    """Return how far channels and prescribed motions may shift the base (m).
 
     ``series`` are those from the files of the scenario, by key of their table.
     """
-    return _STRETCH * scenario.arm.length + base_travel(scenario, series)
-
-
-def base_travel(scenario: Scenario, series: Mapping[str, Series]) -> float:
-    """Return how far channels and prescribed motions may shift the base (m)."""
     base, dimension = scenario.base, scenario.arm.dimension
     travel = dict.fromkeys(CHANNELS[dimension], 0.0)
     for name, channel in base.channels.present.items():
@@ -110,10 +105,12 @@ class Recording:
         return float(np.median(np.diff(self.time)))
 
 
-def read_recording(flow: MeasuredFlow, scenario: Scenario, reach: float) -> Recording:
+def read_recording(
+    flow: MeasuredFlow, scenario: Scenario, series: Mapping[str, Series]
+) -> Recording:
     """Read the current of a flow, fill its gaps, and place it in the time of a run.
 
-    ``reach`` is that of the arm (`arm_reach`).
+    ``series`` are as in `base_travel`.
     """
     planar, depth = scenario.arm.dimension == 2, scenario.water.depth
     whole = read_selection(flow, None if depth is None else -depth)
@@ -154,6 +151,7 @@ def read_recording(flow: MeasuredFlow, scenario: Scenario, reach: float) -> Reco
     elif not profile:
         slowness = _frozen(whole.time, velocity[:, 0], flow.skip, notes)
     velocity, slowness = velocity[..., axes], slowness[axes]
+    reach = _STRETCH * scenario.arm.length + base_travel(scenario, series)
     delay = reach * float(np.linalg.norm(slowness))
     start = max(flow.skip, delay / flow.time_scale)
     run = scenario.simulation.duration / flow.time_scale

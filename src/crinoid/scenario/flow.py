@@ -153,8 +153,7 @@ class MeasuredFlow(FlowTable):
                 yield self.mistake("velocity", "be left out with speed", hint)
             if self.heading_deg is None:
                 hint = "90 for x toward the east."
-                must = "be the compass heading of x (deg)"
-                yield Mistake("heading_deg", missing(must, hint))
+                yield Mistake("heading_deg", missing("be the compass heading of x (deg)", hint))
         elif self.direction_is is not None:
             yield self.mistake("direction_is", "be left out without direction")
         elif all(component is None for component in self.components):
