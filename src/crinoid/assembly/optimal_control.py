@@ -103,8 +103,6 @@ class Regulator(NamedTuple):
         return solve_discrete_are(self.A, self.B, self.cost, self.rate)
 
 
-Ticks = Int[np.ndarray, " look"]
-
 _GENTLER = 2.0 ** np.arange(0, 4.1, 0.25)
 """Smoothness of each gain over the first: weight of speeds against errors."""
 _PREVIEW = 1.5
@@ -139,7 +137,7 @@ def build_lqg(plan: AssembledScenario) -> Lqg:
 
 
 def _gains(
-    design: ControlDesignModel, integral_time: float, period: float, looks: Ticks
+    design: ControlDesignModel, integral_time: float, period: float, looks: Int[np.ndarray, " look"]
 ) -> tuple[Matrix, Float[np.ndarray, "u look aim"], Matrix]:
     """Return the best gains by state and by aims, and the second derivative of the cost by a move.
 

@@ -120,16 +120,11 @@ def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
             text = f'got "scheduled", but the arm has {text}. Set "frozen".'
             raise refusal("control.mpc.model", text)
     controller, design = design_mpc(replace(plan, system=system, state=state))
-    servo = eqx.tree_at(
-        lambda each: each.position,
-        plan.state.servo,
-        plan.state.servo.position.at[_turning(plan)].add(array(turn)),
-    )
+    servo, observer = plan.state.servo, controller.observer
+    servo = replace(servo, position=servo.position.at[_turning(plan)].add(array(turn)))
     shifted = numbers_of((servo, *plan.state.actuators))[0]
-    at_rest = array(np.asarray(shifted)[list(controller.observer.kept)])
-    controller = eqx.tree_at(
-        lambda each: (each.observer.at_rest, each.observer.outputs), controller, (at_rest, None)
-    )
+    at_rest = array(np.asarray(shifted)[list(observer.kept)])
+    controller = replace(controller, observer=replace(observer, at_rest=at_rest, outputs=None))
     parts = design.parts
     # water and offset of the tip do not answer to actuators
     moving = np.r_[np.arange(parts.arm), np.arange(parts.estimated, parts.move.shape[0])]

@@ -203,7 +203,7 @@ def _update(
     cost: Steps,
     finite: Bool[Array, " arm"],
 ) -> Learner:
-    size = jnp.sqrt(sum(jax.vmap(lambda x: jnp.sum(x**2))(x) for x in jax.tree.leaves(gradients)))
+    size = jax.vmap(optax.global_norm)(gradients)
     median = jnp.nanmedian(jnp.where(finite, size, jnp.nan))
     ratio = jnp.minimum(1.0, _LARGEST_RATIO * median / jnp.maximum(size, median))
     share = jnp.where(finite, ratio, 0.0)
@@ -238,11 +238,7 @@ def _critic_step(
     for _ in range(_CRITIC_STEPS):
         moves, state = optimisers.critic.update(jax.grad(loss)(critic), state)
         critic = jax.tree.map(jnp.add, critic, moves)
-    target = jax.tree.map(
-        lambda new, old: _TARGET_SHARE * new + (1 - _TARGET_SHARE) * old,
-        critic,
-        learner.target_critic,
-    )
+    target = optax.incremental_update(critic, learner.target_critic, _TARGET_SHARE)
     return replace(learner, critic=critic, target_critic=target, critic_optimiser=state)
 
 
