@@ -71,6 +71,7 @@ nitpick_ignore_regex = [
     # types of arguments that no user makes (names in docstrings are py:obj)
     (r"py:class", r"crinoid\.dynamics\..*"),
     (r"py:class", r"crinoid\.scenario\.(sensor\.Reading|vehicle\.Hull)|Builder|Numbers|Source"),
+    (r"py:class", r"crinoid\.scenario\.actuator\.(Chamber|Tendon)"),
     (r"py:class", r"crinoid\.(flow\.currents\.Shear|elements\.(rigid\..*|elastic\.Elastic))"),
     (
         r"py:class",

@@ -328,7 +328,7 @@ def test_a_finished_result_of_another_scenario_is_not_replaced(here, player):
     assert call(*RUN).exit_code == 0
     other = (*RUN, "--set", "arm.length=0.7")
     line = refused(*other)
-    assert "out/result.nc is a finished result of another scenario." in line
+    assert "out/result.nc is a finished result of another scenario (arm.length differs)." in line
     assert "--force" in line
     assert Result.load(here / "out").scenario.arm.length == 0.5
     assert len(player.played) == 2

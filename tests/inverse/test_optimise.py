@@ -118,7 +118,7 @@ def test_derivatives_are_those_of_differences_of_runs(acts_on, over, rest):
     steps = [h * axis for axis in np.eye(2)]
     points = [point, *(point + step for step in steps), *(point - step for step in steps)]
     runs = search.runs([ranges.scenario(each) for each in points])[..., 0]
-    values, slopes = (each[:, 0] for each in loop.measures(point, goal.smooth))
+    values, slopes = (each[:, 0] for each in loop.measures(point, goal.of_run))
     np.testing.assert_allclose(values, runs[0], rtol=1e-6, atol=1e-10)
     differences = (runs[1:3] - runs[3:5]).T / (2 * h)
     assert np.abs(differences).max() > 0

@@ -106,8 +106,8 @@ def test_the_slope_of_the_cost_is_that_of_central_differences_of_runs(kind, monk
         assert list(tunable_numbers(scenario)) == names
     loop, tuning = loop_of(scenario)
     assert loop.acts_on == "controller"
-    start, forms, h = tuning.ranges.start, ("smooth:control_cost",), 2e-5
-    values, slopes = loop.measures(start, forms)
+    start, names, h = tuning.ranges.start, ("control_cost",), 2e-5
+    values, slopes = loop.measures(start, names)
     runs = TrialRuns(tuning.goal, [3, 4], lambda: False, rest=False)
     steps = h * np.eye(start.size)
     points = [start, *(start + steps), *(start - steps)]
@@ -119,7 +119,7 @@ def test_the_slope_of_the_cost_is_that_of_central_differences_of_runs(kind, monk
     # tolerance: that of both steps, and of the design's round-off
     np.testing.assert_allclose(slopes[0], differences, rtol=2e-4)
     monkeypatch.setattr(smooth_loop, "_FEW", 0)
-    np.testing.assert_allclose(loop.measures(start, forms)[1], slopes, rtol=1e-9)
+    np.testing.assert_allclose(loop.measures(start, names)[1], slopes, rtol=1e-9)
 
 
 # --- the search ------------------------------------------------------------------------------

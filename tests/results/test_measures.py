@@ -12,9 +12,9 @@ from crinoid.results.extremes import Gumbel
 from crinoid.results.fatigue import YEAR, combined_life
 from crinoid.results.loads import bending_cycles
 from crinoid.results.measure_labels import plain_unit
-from crinoid.results.metrics import MEASURES, smooth_measure
+from crinoid.results.metrics import MEASURES
 from crinoid.results.result import Result
-from crinoid.results.smooth import SeenMotion
+from crinoid.results.smooth import SMOOTH, SeenMotion
 from crinoid.results.table import summary
 from helpers.made_results import of_values
 
@@ -342,7 +342,7 @@ def test_measures_with_derivatives_are_those_of_the_result(dimension):
     weights = CostWeights.of(run.scenario, list(run.dataset["channel_unit"].values))
     seen = SeenMotion(TIME, *apart, *loads, np.zeros((TIME.size, 1)), command, 1000, weights)
     names = [name for name, each in MEASURES.items() if each.smooth and name != "max_pressure"]
-    found = {name: float(smooth_measure(MEASURES[name].smooth)(seen)) for name in names}
+    found = {name: float(SMOOTH[name](seen)) for name in names}
     assert len(found) == 10
     assert found == pytest.approx({name: measure(name, run) for name in names}, abs=1e-11)
 

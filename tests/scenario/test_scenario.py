@@ -192,6 +192,7 @@ def test_default_scenario_is_valid_and_says_everything():
     assert Scenario.from_dict(document) == scenario == Scenario.from_toml("")
     assert document["arm"]["length"] == 0.5
     assert document["simulation"]["max_halvings"] == 12
+    assert "\nposition = [0.0, -10.0]\n" in scenario.to_toml()
 
 
 def test_a_scenario_cannot_be_changed():
@@ -280,6 +281,7 @@ def test_a_scenario_says_its_tables_in_a_few_lines():
         "time": "20 s in steps of 0.01 s, seed 0",
         "vary": "6 cases over seed, arm.length",
     }
+    assert "m, EI = 0.03 N m2" in str(Scenario(arm={"section": {"EI": 0.03}}))
     octopus = str(load("octopus-3d"))
     assert "chamber_4 (share), ... 15 more" in octopus
     hostile = Scenario(title="<b>&")._repr_html_()
@@ -346,8 +348,8 @@ def test_conveniences_are_in_si_units():
     assert limits.high == pytest.approx(math.pi / 4)
     assert limits.speed == pytest.approx(math.pi / 2)
     assert list(scenario.base.channels.present) == ["slide", "heave", "tilt"]
-    assert scenario.base.motion[0].amplitude_si == pytest.approx(math.radians(3))
-    assert scenario.base.motion[1].value_si == (0.0, 0.1, 0.0)
+    assert scenario.base.motion[0].size_si == pytest.approx(math.radians(3))
+    assert scenario.base.motion[1].size_si == (0.0, 0.1, 0.0)
     assert scenario.arm.radius == (0.02, 0.01)
     assert scenario.flow[0].power_exponent is None
     assert scenario.target.tip_path == ((0.6, -5.0), (0.5, -5.1))
@@ -362,8 +364,8 @@ def test_conveniences_of_a_spatial_arm_are_in_si_units():
     assert list(scenario.base.channels.present) == ["slide", "sway", "pan", "roll"]
     assert scenario.base.channels.present["roll"].limits.high == pytest.approx(math.pi / 9)
     assert list(scenario.control.pid.present) == ["slide", "pan", "roll"]
-    assert scenario.base.motion[0].amplitude_si == 0.1
-    assert scenario.base.motion[1].value_si == pytest.approx((0.0, math.pi / 2))
+    assert scenario.base.motion[0].size_si == 0.1
+    assert scenario.base.motion[1].size_si == pytest.approx((0.0, math.pi / 2))
     assert scenario.flow[0].velocity == ("u", "v", "w")
     assert scenario.target.tip_path == ((0.6, 0.0, -5.0), (0.5, 0.1, -5.1))
     assert scenario.target.direction_path == ((1.0, 0.0, 0.0), (0.0, 0.6, 0.8))

@@ -76,12 +76,12 @@ def _motions(
     match motion:
         case motions.SineMotion():
             phase = array(np.deg2rad(motion.phase_deg))
-            yield SineMotion(channel, array(motion.amplitude_si), array(motion.frequency_hz), phase)
+            yield SineMotion(channel, array(motion.size_si), array(motion.frequency_hz), phase)
         case motions.VelocityMotion():
             onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
-            yield VelocityMotion(channel, onset, array(motion.velocity_si))
+            yield VelocityMotion(channel, onset, array(motion.size_si))
         case motions.TableMotion():
-            time, value = np.asarray(motion.time), np.asarray(motion.value_si)
+            time, value = np.asarray(motion.time), np.asarray(motion.size_si)
             curve = _curve(time, value, motion.interpolation)
             yield TableMotion(channel, PiecewisePolynomial(curve))
 

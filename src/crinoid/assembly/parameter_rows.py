@@ -1,6 +1,5 @@
 """Numbers of a pytree of parameters as text: their paths, values and units."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -13,19 +12,21 @@ _FEW = 3
 """Numbers of an array that are shown."""
 
 
-def parameter_rows(parameters: Any) -> Iterator[tuple[str, str, str]]:
-    """Yield the table of each array of parameters, its name there, and its value with unit.
+def parameter_rows(parameters: Any) -> dict[str, list[str]]:
+    """Return the arrays of parameters by table, each as its name there and its value with unit.
 
     A unit is that of the key of the same name; other paths have none.
     """
-    units = units_of(scenario_schema())
+    units, tables = units_of(scenario_schema()), dict[str, list[str]]()
     for path, leaf in jax.tree_util.tree_flatten_with_path(parameters)[0]:
-        parts = [str(getattr(each, "name", getattr(each, "idx", ""))) for each in path]
+        parts = jax.tree_util.keystr(path, simple=True, separator=".").split(".")
         indexed = 2 if len(parts) > 2 and parts[1].isdecimal() else 1
         key = ".".join("0" if part.isdecimal() else part for part in parts)
         table = parts[0] + "".join(f"[{index}]" for index in parts[1:indexed])
         if np.size(leaf):
-            yield table, ".".join(parts[indexed:]), f"{_value(leaf)} {units.get(key, '')}".strip()
+            words = [".".join(parts[indexed:]), _value(leaf), units.get(key, "")]
+            tables.setdefault(table, []).append(" ".join(words).strip())
+    return tables
 
 
 def _value(leaf: Any) -> str:

@@ -291,13 +291,10 @@ class Parameters(Represented, eqx.Module):
     load_builders: tuple[Builder, ...] = eqx.field(static=True)
 
     def _representation(self) -> tuple[str, dict[str, str]]:
-        tables: dict[str, list[str]] = {}
-        for table, name, value in parameter_rows(self):
-            tables.setdefault(table, []).append(f"{name} {value}")
         count = sum(np.size(leaf) for leaf in jax.tree.leaves(self))
         place = "in space" if self.arm.dimension == 3 else "in the plane"
         title = f"Parameters of an arm {place} of {self.arm.nodes} nodes: {count} numbers"
-        return title, {table: cut_list(parts) for table, parts in tables.items()}
+        return title, {table: cut_list(parts) for table, parts in parameter_rows(self).items()}
 
     @staticmethod
     def of(

@@ -269,8 +269,7 @@ class AssembledScenario:
         """Refuse to drive inputs that move no controlled coordinate."""
         most = np.abs(inverse).max(axis=1)
         scenario = self.scenario
-        threads = zip(scenario.thread_names, (*scenario.chamber, *scenario.tendon), strict=True)
-        wound = {name for name, thread in threads if thread.drive == "length"}
+        wound = {name for name, each in scenario.threads.items() if each.drive == "length"}
         mistakes = [
             Mistake(
                 f"control.{scenario.control.kind}.{name}",

@@ -101,7 +101,7 @@ class ThreadParameters(ActuatorParameters):
             friction=array([0.0] * len(chambers) + friction) if any(friction) else None,
             times=array(times),
             shares=array(shares),
-            names=scenario.thread_names,
+            names=tuple(scenario.threads),
             chambers=len(chambers),
             bends_only=tuple(getattr(each, "max_curvature", None) is not None for each in threads),
             slots=_slots(threads, scenario.arm.nodes),

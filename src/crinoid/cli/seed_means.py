@@ -14,6 +14,7 @@ from crinoid.cli.command import console
 from crinoid.cli.display import new_table, say_notes, say_when, seed_notes
 from crinoid.cli.finding import page_in
 from crinoid.cli.folder import clear_own
+from crinoid.foundation.representation import with_units
 from crinoid.results.measure_labels import head_of, main_measures, plain_number, unit_of
 from crinoid.results.metrics import MEASURES, measures_of, write_rows
 from crinoid.results.units import Unit, largest
@@ -133,9 +134,8 @@ class SeedTables:
 
 
 def _key_heads(keys: list[str]) -> list[str]:
-    units = (unit_at(scenario_schema(), key) for key in keys)
-    named = zip(short_keys(keys).values(), units, strict=True)
-    return [f"{short} ({unit})" if unit else short for short, unit in named]
+    units = [unit_at(scenario_schema(), key) for key in keys]
+    return with_units(short_keys(keys).values(), units)
 
 
 def _over_seeds(found: pd.DataFrame) -> str:

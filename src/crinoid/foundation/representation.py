@@ -21,8 +21,7 @@ class Represented:
         wide = max(map(len, kept), default=0)
         return "\n".join([title, *(f"  {name:{wide}}  {text}" for name, text in kept.items())])
 
-    def __str__(self) -> str:
-        return repr(self)
+    __str__ = __repr__
 
     def _repr_html_(self) -> str:
         title, rows = self._representation()

@@ -31,7 +31,7 @@ from crinoid.recording.series import values_in
 from crinoid.recording.texts import listed
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, counted, got, one_of, refusal
-from crinoid.scenario.actuator import Tendon, keyed_threads
+from crinoid.scenario.actuator import Tendon
 
 LOST = 0.25
 """Largest share of the rows that may be set aside as lost markers."""
@@ -136,9 +136,8 @@ def _of_table(
 
 def _of_holds(log: LogTable, scenario: Scenario, places: Mapping[str, int]) -> ExperimentRecord:
     """Return the holds in a table, with a row for each marker in each hold."""
-    threads = keyed_threads(scenario.chamber, scenario.tendon).values()
     driven = {}
-    for name, thread in zip(scenario.thread_names, threads, strict=True):
+    for name, thread in scenario.threads.items():
         unit = "N" if isinstance(thread, Tendon) else "Pa"
         factors = {"1": 1.0} if thread.lined else {"1": 1.0, unit: 1 / thread.largest}
         driven[name] = Column(name, name, factors.get, "1", LARGEST)

@@ -67,9 +67,9 @@ class Goal:
             if name not in known:
                 near = ", ".join(get_close_matches(name, known, 3) or known)
                 raise refusal(option, got(name, f"be a measure, such as {near}"))
-        runs = [known[name] for name in (measure, *(limit.measure for limit in self.limits))]
-        self.smooth = tuple(each.smooth for each in runs)
-        """Functions with derivatives of the measures of a run; empty for one without."""
+        self.of_run = (measure, *(limit.measure for limit in self.limits))
+        """The measures of a run, in contrast to the margin."""
+        runs = [known[name] for name in self.of_run]
         if margin:
             self.limits.append(Limit("margin", -1, margin))
         self.names = (measure, *(limit.measure for limit in self.limits))

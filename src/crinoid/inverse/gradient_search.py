@@ -64,7 +64,7 @@ class GradientSearch:
         ``keep`` receives the measures of each trial.
         """
         left, draws = trials, len(self._loop.seeds)
-        limits = (len(self._goal.smooth) - 1) * draws
+        limits = (len(self._goal.of_run) - 1) * draws
         none, nothing = np.zeros(limits), np.zeros((limits, start.size))
 
         def attempt(point: Point) -> SearchTrial:
@@ -82,7 +82,7 @@ class GradientSearch:
                 if (excess >= 1).any():
                     self.failure = "the closed loop is unstable. Set other gains."
                     return failed
-                measured, slopes = self._loop.measures(point, self._goal.smooth)
+                measured, slopes = self._loop.measures(point, self._goal.of_run)
             except _REFUSALS as error:
                 self.failure = " ".join(str(error).split())
                 return failed

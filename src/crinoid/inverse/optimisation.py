@@ -156,9 +156,8 @@ class Optimisation:
             (alone,) = self.runs([self.scenario])
             if not np.array_equal(alone[:, : len(self.seeds)], self.given, equal_nan=True):
                 del self.runs.settings["control.compare"]  # a measure needs it
-        without = [
-            name for name, form in zip(self.goal.names, self.goal.smooth, strict=False) if not form
-        ]
+        pairs = zip(self.goal.of_run, self.goal.measures, strict=False)
+        without = [name for name, measure in pairs if not measure.smooth]
         if without:
             self.why = f"{', '.join(dict.fromkeys(without))}: no derivatives"
         else:
@@ -195,7 +194,7 @@ class Optimisation:
             slopes = (runs[1:] - runs[0]).T / steps
             if self._stop():  # the derivatives need long to compile
                 raise StoppedError
-            values, gradient = loop.measures(start, self.goal.smooth)
+            values, gradient = loop.measures(start, self.goal.of_run)
         except (StructureError, ScenarioError, RuntimeError) as error:
             return " ".join(str(error).split())
         if not np.isfinite(runs).all():

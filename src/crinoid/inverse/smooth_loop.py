@@ -23,8 +23,7 @@ from crinoid.control import Controller, pose_error
 from crinoid.inverse.ranges import Point, Ranges
 from crinoid.results.effort import CostWeights
 from crinoid.results.errors import judged_at
-from crinoid.results.metrics import smooth_measure
-from crinoid.results.smooth import SeenMotion
+from crinoid.results.smooth import SMOOTH, SeenMotion
 from crinoid.scenario import Scenario
 from crinoid.simulation import Loop, rollout, with_parameters
 from crinoid.simulation.loop import LoopState
@@ -80,17 +79,16 @@ def measures(
     loop: Loop,
     numbers: Numbers,
     tangents: Any,
-    forms: tuple[str, ...],
+    names: tuple[str, ...],
     instants: SeenInstants,
     *,
     reverse: bool,
 ) -> tuple[Float[Array, " measure"], Float[Array, "measure key"]]:
     """Return measures of a run, or of an equilibrium, and their derivatives.
 
-    ``forms`` are the functions of the measures (`crinoid.results.metrics.Measure.smooth`),
-    ``tangents`` the derivatives of ``numbers`` by each key, with the keys as first axis and
-    None for constant leaves. The mode is forward or ``reverse``. All results are NaN where a time
-    step failed or there is no equilibrium.
+    ``names`` are those of the measures, ``tangents`` the derivatives of ``numbers`` by each key,
+    with the keys as first axis and None for constant leaves. The mode is forward or ``reverse``.
+    All results are NaN where a time step failed or there is no equilibrium.
     """
     keys = jax.tree.leaves(tangents)[0].shape[0]
 
@@ -112,7 +110,7 @@ def measures(
             kept = jax.tree.map(lambda x: x[jnp.array(rows)], run.kept)
             seen = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), seen, kept)
             converged = converged & run.converged
-        found = [smooth_measure(form)(seen) for form in forms]
+        found = [SMOOTH[name](seen) for name in names]
         values = jnp.where(converged, 1.0, jnp.nan) * jnp.stack(found)
         return values, values
 
@@ -178,12 +176,12 @@ class SmoothLoop:
             self.acts_on = "numbers"
 
     def measures(
-        self, point: Point, forms: tuple[str, ...]
+        self, point: Point, names: tuple[str, ...]
     ) -> tuple[Float[np.ndarray, "measure draw"], Float[np.ndarray, "measure draw key"]]:
         """Return measures at a point in each draw, and their derivatives by its coordinates.
 
-        ``forms`` are their functions with a derivative (`crinoid.results.metrics.Measure.smooth`).
-        NaN where a time step failed or there is no equilibrium.
+        ``names`` are those of measures with a derivative (`crinoid.results.smooth`). NaN where
+        a time step failed or there is no equilibrium.
 
         Raises
         ------
@@ -192,12 +190,12 @@ class SmoothLoop:
         ScenarioError
             If the values of a point exclude each other.
         """
-        found, slopes, reverse = [], None, point.size > _FEW * len(forms)
+        found, slopes, reverse = [], None, point.size > _FEW * len(names)
         for draw, loop in enumerate(self._loops):
             if slopes is None or self.acts_on != "controller":
                 slopes = self._slopes(point, draw)
             numbers = self._numbers(point, draw)
-            found.append(measures(loop, numbers, slopes, forms, self._instants, reverse=reverse))
+            found.append(measures(loop, numbers, slopes, names, self._instants, reverse=reverse))
         values, gradients = (np.stack(each, axis=1) for each in zip(*found, strict=True))
         return values, gradients
 

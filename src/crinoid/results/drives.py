@@ -37,12 +37,10 @@ def actuator_drives(result: Result) -> list[ActuatorDrive]:
     data, scenario = result.dataset, result.known_scenario
     if "actuator_state" not in data:
         return []
-    threads: list[Chamber | Tendon] = [*scenario.chamber, *scenario.tendon]
-    named = dict(zip(scenario.thread_names, threads, strict=True))
     found = []
     for name, unit in zip(data["input"].values, data["input_unit"].values, strict=True):
         each = [data[f"actuator_{part}"].sel(input=name).values for part in ("state", "command")]
-        thread = named.get(str(name))
+        thread = scenario.threads.get(str(name))
         if thread is not None:
             unit = _UNITS[thread.largest_key]
             each = [thread.largest * part for part in each]

@@ -80,13 +80,11 @@ def input_use(result: Result) -> dict[str, InputUse]:
     counted = judged(result)
     if not counted.any():
         return {}
-    found = {name: driven(result.dataset, name)[counted] for name in result.scenario.driven}
-    return {
-        name: InputUse(
-            rms(values), float(values.min()), float(values.max()), *limits_of(result.dataset, name)
-        )
-        for name, values in found.items()
-    }
+    found = {}
+    for name in result.scenario.driven:
+        values, limits = driven(result.dataset, name)[counted], limits_of(result.dataset, name)
+        found[name] = InputUse(rms(values), float(values.min()), float(values.max()), *limits)
+    return found
 
 
 def limits_of(data: xr.Dataset, name: str) -> tuple[float, float]:

@@ -5,13 +5,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import rainflow
 import xarray as xr
 from jaxtyping import Float
 
 from crinoid.results.chunks import pieces
 from crinoid.results.errors import judged
-from crinoid.results.loads import stretch_at_nodes
+from crinoid.results.loads import cycles_of, stretch_at_nodes
 from crinoid.results.result import Result
 
 YEAR = 365.25 * 86400.0
@@ -43,8 +42,7 @@ def fatigue_life(result: Result) -> FatigueLife | None:
     once = arm.fatigue.intercept ** (1 / arm.fatigue.slope)  # range of which one cycle breaks it
     damage = []
     for series in _reversals(result, int(np.argmax(counted))):
-        cycles = np.array([(size, count) for size, _, count, *_ in rainflow.extract_cycles(series)])
-        sizes, counts = cycles.reshape(-1, 2).T
+        sizes, counts = cycles_of(series)
         damage.append(float(counts @ (modulus * sizes / once) ** arm.fatigue.slope))
     time, worst = data["time"].values[counted], int(np.argmax(damage))
     lasted, points = float(time[-1] - time[0]) / YEAR, len(damage) // data.sizes["node"]

@@ -4,6 +4,7 @@ They count from the start of a run, as an onset loads a structure too.
 """
 
 from collections.abc import Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -106,19 +107,34 @@ class BendingCycles(NamedTuple):
         return float(self.ranges[0] * mean ** (1 / _EXPONENT))
 
 
-def base_force(result: Result) -> BaseLoad:
-    """Return the force of the arm on its base, by its magnitude."""
-    return _base_load(result.dataset["base_force"].values)
-
-
-def base_moment(result: Result) -> BaseLoad:
-    """Return the moment of the arm on its base, by its magnitude."""
-    return _base_load(result.dataset["base_moment"].values)
-
-
-def _base_load(load: Float[np.ndarray, "time ..."]) -> BaseLoad:
+def _base_load(result: Result, name: str) -> BaseLoad:
+    load = result.dataset[name].values
     size = np.linalg.norm(load, axis=1) if load.ndim == 2 else np.abs(load)
     return BaseLoad(float(size.max()), rms(size), p95(size))
+
+
+base_force, base_moment = (partial(_base_load, name=f"base_{kind}") for kind in ("force", "moment"))
+"""Force and moment of the arm on its base, by their magnitudes."""
+
+
+def base_components(result: Result) -> dict[str, float]:
+    """Return the ends of each component of the load on the base, right-handed about each axis.
+
+    They are ``force_x_min`` and ``force_x_max`` (N) with their times ``force_x_min_time`` and
+    ``force_x_max_time`` (s), and so on; of a planar arm force in x and z and ``moment_y`` (N m),
+    which is positive from z toward x.
+    """
+    data, found = result.dataset, dict[str, float]()
+    for load in ("force", "moment"):
+        values = data[f"base_{load}"].values
+        planar = values.ndim == 1  # of a moment, which counts from x toward z
+        axes = ["y"] if planar else data["axis"].values.tolist()
+        parts = [0.0 - values] if planar else [*values.T]
+        for axis, part in zip(axes, parts, strict=True):
+            for end, at in (("min", int(part.argmin())), ("max", int(part.argmax()))):
+                found[f"{load}_{axis}_{end}"] = float(part[at])
+                found[f"{load}_{axis}_{end}_time"] = float(data["time"].values[at])
+    return found
 
 
 def contact(result: Result) -> ContactExtremes | None:
@@ -132,19 +148,9 @@ def contact(result: Result) -> ContactExtremes | None:
     return ContactExtremes(float(time.max()), float(force.max()), float(gap.min()), which)
 
 
-def self_contact(result: Result) -> ContactSeries | None:
-    """Return the contact of the arm with itself; None without any."""
-    return far_contact(result.dataset, "self")
-
-
-def hull_contact(result: Result) -> ContactSeries | None:
-    """Return the contact of the arm with the hull; None without any."""
-    return far_contact(result.dataset, "hull")
-
-
-def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
+def far_contact(result: Result, part: str) -> ContactSeries | None:
     """Return the contact with one of `crinoid.results.metrics.FAR_CONTACTS`; None without any."""
-    names = [f"{part}_force", f"{part}_gap"]
+    data, names = result.dataset, [f"{part}_force", f"{part}_gap"]
     if not set(names) <= set(data):
         return None
     forces, gaps = [], []
@@ -158,19 +164,8 @@ def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
     return ContactSeries(force, np.concatenate(gaps), held, lasted)
 
 
-def largest_curvature(result: Result) -> Peak | None:
-    """Return the largest curvature (1/m); None where the result lacks it."""
-    return _largest(result, "curvature")
-
-
-def largest_bending_moment(result: Result) -> Peak | None:
-    """Return the largest bending moment (N m); None where the result lacks it."""
-    return _largest(result, "bending_moment")
-
-
-def largest_shear_force(result: Result) -> Peak | None:
-    """Return the largest shear force (N), at the middle of an edge; None if unknown."""
-    return _largest(result, "shear_force")
+self_contact, hull_contact = (partial(far_contact, part=part) for part in ("self", "hull"))
+"""Contact of the arm with itself, and with the hull."""
 
 
 def largest_strain(result: Result) -> Peak | None:
@@ -205,12 +200,7 @@ def bending_cycles(result: Result) -> BendingCycles | None:
     data = result.dataset
     if "curvature" not in data:
         return None
-    extremes = [
-        (part["curvature"].values.min(axis=0), part["curvature"].values.max(axis=0))
-        for part in pieces(data, ["curvature"])
-    ]
-    low, high = zip(*extremes, strict=True)
-    span = np.max(high, axis=0) - np.min(low, axis=0)
+    span = np.ptp(envelope(data, "curvature"), axis=0)
     if not np.isfinite(span).all():
         return None
     place, nodes = int(np.argmax(span)), len(span)
@@ -220,12 +210,28 @@ def bending_cycles(result: Result) -> BendingCycles | None:
     parts = pieces(data, ["curvature"])
     along = (part["curvature"].values.reshape(part.sizes["time"], -1) for part in parts)
     series = np.concatenate([values[:, place] for values in along])
-    found = [(size, count) for size, _, count, *_ in rainflow.extract_cycles(series)]
-    if not found:  # of two instants
-        return BendingCycles(station, none, none)
-    ranges, counts = np.array(sorted(found, reverse=True)).T
-    counted = ranges >= _GATE * ranges[0]
+    ranges, counts = cycles_of(series)
+    counted = ranges >= _GATE * ranges.max(initial=0.0)
     return BendingCycles(station, ranges[counted], counts[counted])
+
+
+def cycles_of(
+    series: Float[np.ndarray, " time"],
+) -> tuple[Float[np.ndarray, " cycle"], Float[np.ndarray, " cycle"]]:
+    """Return the ranges of the cycles of a series, falling, and their counts: 1 or 0.5 of a half.
+
+    By rainflow counting (ASTM E1049-85).
+    """
+    found = [(size, count) for size, _, count, *_ in rainflow.extract_cycles(series)]
+    ranges, counts = np.array(sorted(found, reverse=True)).reshape(-1, 2).T
+    return ranges, counts
+
+
+def envelope(data: xr.Dataset, name: str) -> Float[np.ndarray, "end=2 ..."]:
+    """Return the least and the greatest values of a variable over time."""
+    parts = (part[name].values for part in pieces(data, [name]))
+    ends = np.array([(values.min(axis=0), values.max(axis=0)) for values in parts])
+    return np.stack([ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)])
 
 
 def _components(given: Float[np.ndarray, " part"]) -> Float[np.ndarray, " bending=2"]:
@@ -244,11 +250,18 @@ def stations_of(data: xr.Dataset, name: str) -> Float[np.ndarray, " place"]:
 
 
 def _largest(result: Result, name: str) -> Peak | None:
+    """Return the largest value of a variable along the arm; None where the result lacks it."""
     data = result.dataset
     if name not in data:
         return None
     sizes = (_size(part[name].values) for part in pieces(data, [name]))
     return _peak(data, sizes, stations_of(data, name))
+
+
+largest_curvature, largest_bending_moment, largest_shear_force = (
+    partial(_largest, name=name) for name in ("curvature", "bending_moment", "shear_force")
+)
+"""Largest curvature (1/m), bending moment (N m), and shear force at the middle of an edge (N)."""
 
 
 def _peak(

@@ -48,8 +48,8 @@ class Measure(NamedTuple):
     """Function of a `Result` in this folder, as ``module:function``, or ``module:function.field``.
 
     It returns None, and the field is None or NaN, where a run has no such number."""
-    smooth: str = ""
-    """Function in this folder with a derivative, of a `crinoid.results.smooth.SeenMotion`."""
+    smooth: bool = False
+    """Whether it has a derivative, in `crinoid.results.smooth`."""
 
     def read(self, run: RunStatistics) -> float | None:
         """Return the measure from the statistics of a run; None or NaN if it has no such number."""
@@ -57,6 +57,8 @@ class Measure(NamedTuple):
             return self.source(run.result)
         function, _, field = self.source.partition(".")
         found = run.of(function)
+        if isinstance(found, dict):
+            return found.get(field)
         return getattr(found, field) if field and found is not None else found
 
     def of(self, result: Result) -> float | None:
@@ -67,12 +69,6 @@ class Measure(NamedTuple):
     def attributes(self) -> dict[str, str]:
         """Its attributes in netCDF."""
         return {"units": self.unit, "long_name": self.meaning}
-
-
-def smooth_measure(function: str) -> Callable[[Any], Any]:
-    """Return a measure with a derivative, a function of a `crinoid.results.smooth.SeenMotion`."""
-    found: Callable[[Any], Any] = resolve_name(_HERE + function)
-    return found
 
 
 class Measures(NamedTuple):
@@ -100,25 +96,25 @@ _ANGLE = "angle of the tip from its target, or from its start without one"
 # fmt: off
 MEASURES = {
     "rms_error": Measure(
-        "m", "RMS tip error", f"RMS {_TIP}", "errors:tip_error.rms", "smooth:rms_error"),
+        "m", "RMS tip error", f"RMS {_TIP}", "errors:tip_error.rms", smooth=True),
     "rms_error_uncontrolled": Measure(
         "m", "RMS tip error without control", f"RMS {_TIP}, without control",
         "errors:uncontrolled_error.rms"),
     "max_error": Measure(
         "m", "largest tip error", f"largest {_TIP}",
-        "errors:tip_error.maximum", "smooth:max_error"),
+        "errors:tip_error.maximum", smooth=True),
     "p95_error": Measure(
         "m", "P95 tip error", f"95th percentile of the {_TIP}",
-        "errors:tip_error.p95", "smooth:p95_error"),
+        "errors:tip_error.p95", smooth=True),
     "within_tolerance": Measure(
         "1", "within tolerance", "share of the time with the tip within target.tolerance",
         "errors:within_tolerance"),
     "steady_error": Measure(
         "m", "steady tip error", f"mean {_TIP}, over the last tenth of the run",
-        "errors:tip_error.steady", "smooth:steady_error"),
+        "errors:tip_error.steady", smooth=True),
     "fluctuation": Measure(
         "m", "fluctuation", "RMS distance of the tip from its own mean position",
-        "errors:tip_error.fluctuation", "smooth:fluctuation"),
+        "errors:tip_error.fluctuation", smooth=True),
     "deflection": Measure(
         "m", "steady tip error without control",
         "mean distance of the tip without control from where it should be, over the last tenth",
@@ -134,21 +130,21 @@ MEASURES = {
         "step_response:step_response.settling_time"),
     "rms_angle_error": Measure(
         "rad", "RMS angle error", f"RMS {_ANGLE}",
-        "errors:angle_error.rms", "smooth:rms_angle_error"),
+        "errors:angle_error.rms", smooth=True),
     "max_angle_error": Measure(
         "rad", "largest angle error", f"largest {_ANGLE}",
-        "errors:angle_error.maximum", "smooth:max_angle_error"),
+        "errors:angle_error.maximum", smooth=True),
     "control_cost": Measure(
         "m", "control cost",
         "root of the mean squared error of the controlled coordinates and of the input speeds",
-        "effort:control_cost", "smooth:control_cost"),
+        "effort:control_cost", smooth=True),
     "work": Measure(
         "J", "work of base and actuators",
         "work of base and actuators on the arm, returned work not counted", "effort:spent_work"),
     **{
         f"{kind}_base_{name}": Measure(
             unit, f"{short} base {name}", f"{words} {name} of the arm on its base",
-            f"loads:base_{name}.{field}", f"smooth:rms_base_{name}" if kind == "rms" else "")
+            f"loads:base_{name}.{field}", smooth=kind == "rms")
         for name, unit in (("force", "N"), ("moment", "N m"))
         for kind, short, words, field in (
             ("max", "largest", "largest", "maximum"), ("rms", "RMS", "RMS", "rms"),
@@ -158,7 +154,7 @@ MEASURES = {
         f"base_{load}_{axis}_{end}{time}": Measure(
             "s" if time else unit, f"{word} base {load} {way} {axis}{', time' if time else ''}",
             f"{'time of the ' if time else ''}{word} {load} of the arm on its base {way} {axis}",
-            f"base_components:base_components.{load}_{axis}_{end}{time}")
+            f"loads:base_components.{load}_{axis}_{end}{time}")
         for load, unit, way in (("force", "N", "along"), ("moment", "N m", "about"))
         for axis in "xyz"
         for end, word in (("min", "least"), ("max", "greatest"))
@@ -166,27 +162,18 @@ MEASURES = {
     },
     **{
         f"max_{load}{end}": Measure(
-            unit or own, f"{short}largest {words}", f"{text}largest {words} of the arm",
+            unit or own, f"{short}largest {words}", f"{text}largest {words} {where}",
             f"loads:largest_{load}.{field}")
-        for load, own in (("bending_moment", "N m"), ("shear_force", "N"))
+        for load, own, where in (
+            ("bending_moment", "N m", "of the arm"), ("shear_force", "N", "of the arm"),
+            ("curvature", "m-1", "of the arm"),
+            ("strain", "1", "at the arm's surface, from stretch and bending"))
         for words in (load.replace("_", " "),)
         for end, unit, short, text, field in (
             ("", "", "", "", "value"),
             ("_station", "m", "station of ", "distance from the root of the ", "station"),
             ("_time", "s", "time of ", "time of the ", "time"))
     },
-    "max_curvature": Measure(
-        "m-1", "largest curvature", "largest curvature of the arm",
-        "loads:largest_curvature.value"),
-    "max_curvature_station": Measure(
-        "m", "station of largest curvature", "distance from the root at which it is largest",
-        "loads:largest_curvature.station"),
-    "max_strain": Measure(
-        "1", "largest strain", "largest strain at the arm's surface, from stretch and bending",
-        "loads:largest_strain.value"),
-    "max_strain_station": Measure(
-        "m", "station of largest strain", "distance from the root at which it is largest",
-        "loads:largest_strain.station"),
     "curvature_cycles": Measure(
         "1", "curvature cycles", "number of cycles of the curvature where its range is largest",
         "loads:bending_cycles.number"),
@@ -236,7 +223,7 @@ MEASURES = {
         "effort:vehicle_use.limit_share"),
     "max_pressure": Measure(
         "Pa", "largest pressure", "largest pressure in a chamber",
-        "effort:largest_pressure", "smooth:max_pressure"),
+        "effort:largest_pressure", smooth=True),
 }
 # fmt: on
 """The registry of measures, by their names in tables and files.

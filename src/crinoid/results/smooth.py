@@ -1,6 +1,8 @@
-"""Measures of a run with derivatives, for the rows of `crinoid.results.metrics` that name them."""
+"""Measures of a run with derivatives: those of `crinoid.results.metrics` that are smooth."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -74,44 +76,17 @@ def _largest(values: Float[Array, "*instant"]) -> Number:
     return jax.lax.stop_gradient(top - mean) + mean
 
 
-def rms_error(seen: SeenMotion) -> Number:
-    """Return the RMS distance of the tip from its target (m)."""
-    return _rms(seen.distance())
-
-
-def max_error(seen: SeenMotion) -> Number:
-    """Return the largest distance of the tip from its target (m)."""
-    return _largest(seen.distance())
-
-
-def p95_error(seen: SeenMotion) -> Number:
-    """Return the 95th percentile of the distance of the tip from its target (m)."""
-    return jnp.percentile(seen.distance(), 95.0)
-
-
-def steady_error(seen: SeenMotion) -> Number:
-    """Return the mean distance of the tip from its target over the last tenth of the run (m)."""
+def _steady_error(seen: SeenMotion) -> Number:
     late = seen.time[seen.judged :] >= steady_from(seen.time)
     return jnp.sum(jnp.where(late, seen.distance(), 0.0)) / jnp.sum(late)
 
 
-def fluctuation(seen: SeenMotion) -> Number:
-    """Return the RMS distance of the tip from its own mean position (m)."""
+def _fluctuation(seen: SeenMotion) -> Number:
     tip = seen.tip[seen.judged :, : seen.axes]
     return _rms(_length(tip - jnp.mean(tip, axis=0)))
 
 
-def rms_angle_error(seen: SeenMotion) -> Number:
-    """Return the RMS angle between the tip and its target (rad)."""
-    return _rms(seen.angle())
-
-
-def max_angle_error(seen: SeenMotion) -> Number:
-    """Return the largest angle between the tip and its target (rad)."""
-    return _largest(seen.angle())
-
-
-def control_cost(seen: SeenMotion) -> Number:
+def _control_cost(seen: SeenMotion) -> Number:
     """Return the cost of a controller (m), as `crinoid.results.effort.control_cost` does."""
     error = jnp.array(seen.weights.pose) * seen.error[seen.judged :]
     moves = jnp.diff(jnp.array(seen.weights.inputs) * seen.command[seen.judged :], axis=0)
@@ -120,16 +95,17 @@ def control_cost(seen: SeenMotion) -> Number:
     return jnp.sqrt(sum(squares, _TINY))
 
 
-def rms_base_force(seen: SeenMotion) -> Number:
-    """Return the RMS force of the arm on its base (N)."""
-    return _rms(_length(seen.force))
-
-
-def rms_base_moment(seen: SeenMotion) -> Number:
-    """Return the RMS moment of the arm on its base (N m)."""
-    return _rms(_length(seen.moment))
-
-
-def max_pressure(seen: SeenMotion) -> Number:
-    """Return the largest pressure in a chamber (Pa)."""
-    return _largest(jnp.abs(seen.pressure))
+SMOOTH: dict[str, Callable[[SeenMotion], Number]] = {
+    "rms_error": lambda seen: _rms(seen.distance()),
+    "max_error": lambda seen: _largest(seen.distance()),
+    "p95_error": lambda seen: jnp.percentile(seen.distance(), 95.0),
+    "steady_error": _steady_error,
+    "fluctuation": _fluctuation,
+    "rms_angle_error": lambda seen: _rms(seen.angle()),
+    "max_angle_error": lambda seen: _largest(seen.angle()),
+    "control_cost": _control_cost,
+    "rms_base_force": lambda seen: _rms(_length(seen.force)),
+    "rms_base_moment": lambda seen: _rms(_length(seen.moment)),
+    "max_pressure": lambda seen: _largest(jnp.abs(seen.pressure)),
+}
+"""Measures of a run with a derivative, by their names in `crinoid.results.metrics.MEASURES`."""

@@ -36,7 +36,7 @@ class SummaryEntry(NamedTuple):
 def summarised(result: Result) -> dict[str, SummaryEntry]:
     """Return the numbers of a result by name; an equilibrium is a result of one instant."""
     rests = result.dataset.sizes["time"] == 1 and result.ended is Status.OK
-    return dict(_at_rest(result) if rests else _of_run(result))
+    return dict(numbers_at_rest(result) if rests else _of_run(result))
 
 
 def write_summary(result: Result, folder: Path) -> list[Path]:
@@ -113,7 +113,7 @@ def _inputs(result: Result) -> Iterator[tuple[str, SummaryEntry]]:
         yield f"{name}.speed", SummaryEntry(speed_unit(unit[name]), f"RMS speed of {name}", speed)
 
 
-def _at_rest(result: Result) -> Iterator[tuple[str, SummaryEntry]]:
+def numbers_at_rest(result: Result) -> Iterator[tuple[str, SummaryEntry]]:
     """Yield the numbers of an equilibrium."""
     data = result.dataset
     vectors = {

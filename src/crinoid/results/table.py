@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crinoid.foundation.axes import ANGLES, CHANNELS
-from crinoid.results.base_components import ComponentRanges
 from crinoid.results.effort import input_use, solver_use
 from crinoid.results.errors import TipError, error_word
 from crinoid.results.loads import ContactExtremes
@@ -23,7 +22,8 @@ from crinoid.results.metrics import (
 from crinoid.results.result import Result
 from crinoid.results.saturation import limit_shares
 from crinoid.results.scene.data import base_word
-from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit
+from crinoid.results.summary import numbers_at_rest
+from crinoid.results.units import DEGREES, Unit, length_unit, si_unit
 
 _NOTHING = 1e-6
 """Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:
@@ -210,12 +210,14 @@ class _Table(NamedTuple):
     def _add_components(self, load: str, base: str, unit: Unit) -> None:
         """Add the least and the greatest value of each component of a load, with their times."""
         way = "along" if load == "force" else "about"
-        found: list[ComponentRanges] = self.found("base_components:base_components")
-        for name in filter(lambda name: name.startswith(load), found[0]):
+        found: list[dict[str, float]] = self.found("loads:base_components")
+        for axis in "xyz":
             for end, word in (("min", "least"), ("max", "greatest")):
-                at = ((getattr(each[name], k) for k in (end, f"{end}_time")) for each in found)
-                cells = [f"{unit.text(value)} at {time:.4g} s" for value, time in at]
-                self.rows.append([f"{load} on {base} {way} {name[-1]}, {word}", *cells])
+                if (name := f"{load}_{axis}_{end}") in found[0]:
+                    at = [(each[name], f" at {each[f'{name}_time']:.4g} s") for each in found]
+                    small, none = _NOTHING * _ROUND_OFF, unit.text(0.0)
+                    cells = [unit.text(v) + time if abs(v) > small else none for v, time in at]
+                    self.rows.append([f"{load} on {base} {way} {axis}, {word}", *cells])
 
     def add_vehicle(self) -> None:
         """Add the motion of a floating submarine, and the use of its thrusters."""
@@ -226,10 +228,9 @@ class _Table(NamedTuple):
             self.add_measure("thrust_limit_share", "thrusters, time at limits")
         if self.full:
             self.add_measure("vehicle_turn", "submarine's turn", nothing=_NOTHING)
-            for name, words in (("max_thrust", "largest thrust"), ("rms_thrust", "thrust, RMS")):
-                if held:
-                    unit = si_unit(self.measure(name)[0] or 0.0, "N")
-                    self.add_measure(name, words, unit, nothing=_NOTHING)
+        if self.full and held:
+            self.add_measure("max_thrust", nothing=_NOTHING)
+            self.add_measure("rms_thrust", "thrust, RMS", nothing=_NOTHING)
 
     def add_contacts(self) -> None:
         """Add contacts with obstacles, and of which one each is; in short the force, or the gap."""
@@ -238,18 +239,17 @@ class _Table(NamedTuple):
             return
         several = self.result.dataset["contact_time"].shape[-1] > 1
         touched = any(each.time > 0 for each in found)
-        rows = {
-            "longest time in contact": self.full,
-            "largest contact force": self.full or touched,
-            "smallest gap": self.full or not touched,
-        }
-        for row, (words, shown) in enumerate(rows.items()):
+        rows = (
+            ("longest time in contact", "time", self.full),
+            ("largest contact force", "force", self.full or touched),
+            ("smallest gap", "gap", self.full or not touched),
+        )
+        for place, (words, field, shown) in enumerate(rows):
             cells = []
             for each in found if shown else ():
-                value = (each.time, each.force, each.gap)[row]
-                unit = (Unit(1.0, "s"), Unit(1.0, "N"), length_unit(abs(each.gap)))[row]
-                text = unit.text(value)
-                cells.append(f"obstacle {each.obstacles[row]}: {text}" if several else text)
+                units = Unit(1.0, "s"), Unit(1.0, "N"), length_unit(abs(each.gap))
+                text = units[place].text(getattr(each, field))
+                cells.append(f"obstacle {each.obstacles[place]}: {text}" if several else text)
             if cells:
                 self.rows.append([words, *cells])
 
@@ -280,51 +280,42 @@ class _Table(NamedTuple):
 
 def equilibrium_summary(result: Result) -> RunSummary:
     """Sum up an equilibrium."""
-    dataset = result.dataset
-    rows: list[list[str]] = []
+    values = {name: each.value or 0.0 for name, each in numbers_at_rest(result)}
+    base, length = base_word(result.scenario), float(result.dataset["arc_length"].values[-1])
 
-    def add(*row: str) -> None:
-        rows.append([*row])
+    def parts(name: str) -> dict[str, float]:
+        """Return the components of a vector by axis, or a number alone."""
+        found = {axis: values.get(f"{name}_{axis}") for axis in "xyz"} | {"": values.get(name)}
+        return {axis: value for axis, value in found.items() if value is not None}
 
-    axes = [str(axis) for axis in dataset["axis"].values]
-    length = float(dataset["arc_length"].values[-1])
+    def most(name: str) -> float:
+        return max(map(abs, parts(name).values()), default=0.0)
 
-    def number(value: float, scale: float, digits: int = 4) -> str:
-        return f"{0.0 if abs(value) < _NOTHING * scale else value:.{digits}g}"
+    def text(name: str, unit: str, scale: float, digits: int = 4) -> str:
+        return ", ".join(
+            f"{axis} {0.0 if abs(value) < _NOTHING * scale else value:.{digits}g} {unit}".strip()
+            for axis, value in parts(name).items()
+        )
 
-    def parts(vector: np.ndarray, unit: str, scale: float, digits: int = 4) -> str:
-        named = zip(axes, vector, strict=True)
-        return ", ".join(f"{axis} {number(part, scale, digits)}{unit}" for axis, part in named)
-
-    add("tip", parts(dataset["tip_position"].values[0], " m", length, 6))
-    if "tip_direction" in dataset:
-        add("tip direction", parts(dataset["tip_direction"].values[0], "", 1.0))
-    else:
-        angle = np.rad2deg(float(dataset["tip_angle"][0]))
-        add("tip direction", f"{number(angle, 1.0)} degrees")
-    force, moment = (dataset[f"base_{name}"].values[0] for name in ("force", "moment"))
-    tension = float(dataset["tension"].max())
-    base = base_word(result.scenario)
-    pull = max(largest(force), abs(tension), _ALMOST_NO_LOAD)
-    add(f"force on {base}", parts(force, " N", pull))
-    turning = max(largest(np.asarray(moment)), pull * length)
-    text = parts(moment, " N m", turning) if moment.ndim else f"{number(moment, turning)} N m"
-    add(f"moment on {base}", text)
-    add("greatest tension", f"{number(tension, pull)} N")
-    bending = dataset["curvature"].values
-    curvature = np.linalg.norm(bending, axis=-1) if bending.ndim == 3 else np.abs(bending)
-    add("greatest curvature", f"{number(float(curvature.max()), 1 / length)} 1/m")
-    if "twist" in dataset:
-        twist = float(np.abs(dataset["twist"]).max())
-        add("greatest twist", f"{number(twist, 1 / length)} rad/m")
-    if "contact_force" in dataset:
-        for index, push in enumerate(dataset["contact_force"].values[0]):
-            if np.any(push):
-                add(f"force of obstacle {index}", parts(push, " N", largest(push)))
-    if "natural_frequency" in dataset:
-        first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
-        add("lowest natural frequencies, without damping", f"{first} Hz")
-    return RunSummary(["", "at rest"], rows)
+    pull = max(most("base_force"), most("max_tension"), _ALMOST_NO_LOAD)
+    turning = max(most("base_moment"), pull * length)
+    angle = f"{np.rad2deg(values['tip_angle']):.4g} degrees"
+    rows = [
+        ["tip", text("tip", "m", length, 6)],
+        ["tip direction", text("tip_direction", "", 1.0) or angle],
+        [f"force on {base}", text("base_force", "N", pull)],
+        [f"moment on {base}", text("base_moment", "N m", turning)],
+        ["greatest tension", text("max_tension", "N", pull)],
+        ["greatest curvature", text("max_curvature", "1/m", 1 / length)],
+        ["greatest twist", text("max_twist", "rad/m", 1 / length)],
+    ]
+    for index in range(result.dataset.sizes.get("obstacle", 0)):
+        if pushes := most(name := f"contact_force_{index}"):
+            rows.append([f"force of obstacle {index}", text(name, "N", pushes)])
+    first = [f"{each:.3g}" for name, each in values.items() if name.startswith("natural_frequency")]
+    if first:
+        rows.append(["lowest natural frequencies, without damping", f"{', '.join(first)} Hz"])
+    return RunSummary(["", "at rest"], [row for row in rows if row[1]])
 
 
 def _unit_of(name: str, result: Result, most: float) -> Unit:

@@ -1,7 +1,7 @@
 """Actuators along the arm: chambers, tendons, and kinds of installed packages."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -57,7 +57,7 @@ Actuator = Annotated[ActuatorTable, KindOf("actuators", ActuatorTable)]
 
 
 def actuator_conflicts(
-    actuators: tuple[ActuatorTable, ...], threads: tuple[str, ...]
+    actuators: tuple[ActuatorTable, ...], threads: Iterable[str]
 ) -> Iterator[Mistake]:
     """Yield names that two actuators share, or that chambers, tendons or channels have."""
     names = {f"actuator.{index}": each.called for index, each in enumerate(actuators)}
@@ -303,10 +303,9 @@ def keyed_threads(
     return keyed | {f"tendon.{i}": each for i, each in enumerate(tendons)}
 
 
-def thread_names(chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...]) -> tuple[str, ...]:
-    """Return the names of the inputs of chambers and tendons."""
-    threads = keyed_threads(chambers, tendons).items()
-    return tuple(thread.name or key.replace(".", "_") for key, thread in threads)
+def thread_name(key: str, thread: Thread) -> str:
+    """Return the name of the input of a chamber or tendon with a dotted key."""
+    return thread.name or key.replace(".", "_")
 
 
 def thread_conflicts(
@@ -328,7 +327,7 @@ def thread_conflicts(
             yield Mistake(f"{key}.angle_deg", got(thread.angle_deg, "be 0 or 180 (degrees)", hint))
         yield from (each.under(key) for each in _content_conflicts(thread, arm.length))
     channels = {name: f"base.channels.{name}" for name in CHANNELS[3]}
-    names = dict(zip(threads, thread_names(chambers, tendons), strict=True))
+    names = {key: thread_name(key, thread) for key, thread in threads.items()}
     yield from name_conflicts(names, channels)
 
 

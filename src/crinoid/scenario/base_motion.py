@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -51,6 +51,8 @@ Interpolation = Annotated[
 class ChannelMotion(Model):
     """A motion of one channel."""
 
+    size_key: ClassVar[str] = ""
+    """Key of its size, which ends in ``_deg`` for a turn; none of a motion in a file."""
     kind: str
     channel: ChannelName = Field(
         description="Channel that moves: slide (x), heave (z) or tilt; in space also sway "
@@ -61,9 +63,19 @@ class ChannelMotion(Model):
         """Return the channels that it moves."""
         return (self.channel,)
 
-    def _unit_conflict(self, plain: str) -> Iterator[Mistake]:
+    @property
+    def size_si(self) -> Any:
+        """Its amplitude (m), its velocity (m/s) or its shifts (m); those of a turn in rad."""
+        shift, turn = getattr(self, self.size_key), getattr(self, f"{self.size_key}_deg")
+        if turn is None:
+            return shift
+        return tuple(map(math.radians, turn)) if isinstance(turn, tuple) else math.radians(turn)
+
+    def _conflicts(self) -> Iterator[Mistake]:
         """Yield an angle without degrees, or a shift with them."""
-        right, wrong = plain, f"{plain}_deg"
+        if not self.size_key:
+            return
+        right, wrong = self.size_key, f"{self.size_key}_deg"
         if self.channel in ANGLES:
             right, wrong = wrong, right
         where = f'with channel = "{self.channel}"'
@@ -77,49 +89,31 @@ class ChannelMotion(Model):
 class SineMotion(ChannelMotion):
     """A motion ``amplitude * sin(2 pi frequency_hz t + phase)``."""
 
+    size_key: ClassVar[str] = "amplitude"
     kind: Literal["sine"] = entry("sine", "A sine.")
     amplitude: Metres | None = entry(None, "Amplitude of a shift.")
     amplitude_deg: Degrees | None = entry(None, "Amplitude of a turn.")
     frequency_hz: Hertz = Field(gt=0, description="Frequency.")
     phase_deg: Degrees = entry(0.0, "Phase at t = 0.")
 
-    def _conflicts(self) -> Iterator[Mistake]:
-        yield from self._unit_conflict("amplitude")
-
-    @property
-    def amplitude_si(self) -> float:
-        """The amplitude in m or rad."""
-        if self.amplitude_deg is not None:
-            return math.radians(self.amplitude_deg)
-        return self.amplitude or 0.0
-
     def farthest(self, duration: float) -> float:
         """Return the largest displacement during a run (m or rad), or a bound to it."""
-        return abs(self.amplitude_si)
+        return abs(self.size_si)
 
 
 class VelocityMotion(ChannelMotion):
     """A constant velocity, reached along half a cosine from rest."""
 
+    size_key: ClassVar[str] = "velocity"
     kind: Literal["velocity"] = entry("velocity", "A constant velocity.")
     velocity: MetresPerSecond | None = entry(None, "Velocity of a shift.")
     velocity_deg: DegreesPerSecond | None = entry(None, "Velocity of a turn.")
     start: Seconds = entry(0.0, "Start time.", ge=0, le=LATEST)
     ramp_time: Seconds = entry(1.0, "Time to reach the velocity.", gt=0)
 
-    def _conflicts(self) -> Iterator[Mistake]:
-        yield from self._unit_conflict("velocity")
-
-    @property
-    def velocity_si(self) -> float:
-        """The velocity in m/s or rad/s."""
-        if self.velocity_deg is not None:
-            return math.radians(self.velocity_deg)
-        return self.velocity or 0.0
-
     def farthest(self, duration: float) -> float:
         """Return the largest displacement during a run (m or rad), or a bound to it."""
-        return abs(self.velocity_si) * duration
+        return abs(self.size_si) * duration
 
 
 _Shifts = Annotated[tuple[Metres, ...], AsTuple, Quantity("m", "a list of numbers")]
@@ -129,6 +123,7 @@ _Turns = Annotated[tuple[Degrees, ...], AsTuple, Quantity("degrees", "a list of 
 class TableMotion(ChannelMotion):
     """A motion through points in time."""
 
+    size_key: ClassVar[str] = "value"
     kind: Literal["table"] = entry("table", "Points in time.")
     time: Times = Field(description="Times, increasing, from 0 or before to the end of the run.")
     value: _Shifts | None = entry(None, "Shift at these times.")
@@ -136,22 +131,15 @@ class TableMotion(ChannelMotion):
     interpolation: Interpolation = "monotone"
 
     def _conflicts(self) -> Iterator[Mistake]:
-        yield from self._unit_conflict("value")
+        yield from super()._conflicts()
         yield from time_conflicts(self.time)
         for key, values in (("value", self.value), ("value_deg", self.value_deg)):
             if values is not None:
                 yield from length_conflicts(key, values, self.time)
 
-    @property
-    def value_si(self) -> tuple[float, ...]:
-        """The values in m or rad."""
-        if self.value_deg is not None:
-            return tuple(map(math.radians, self.value_deg))
-        return self.value or ()
-
     def farthest(self, duration: float) -> float:
         """Return the largest displacement during a run (m or rad), or a bound to it."""
-        return max(map(abs, self.value_si))
+        return max(map(abs, self.size_si))
 
 
 class InFile(Model):

@@ -171,7 +171,7 @@ def _vehicle_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 def _channel_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield gains of inputs that do not exist."""
-    channels, threads = CHANNELS[scenario.arm.dimension], scenario.thread_names
+    channels, threads = CHANNELS[scenario.arm.dimension], scenario.threads
     names = scenario.inputs
     for name, gains in scenario.control.pid.present.items():
         key = f"control.pid.{name}"
@@ -297,7 +297,7 @@ RULES: tuple[Callable[[Scenario], Iterator[Mistake]], ...] = (
     lambda scenario: scenario.control.settings.conflicts(scenario),
     _rate_conflicts,
     lambda scenario: sensor_conflicts(scenario.sensors, scenario.obstacle),
-    lambda scenario: actuator_conflicts(scenario.actuator, scenario.thread_names),
+    lambda scenario: actuator_conflicts(scenario.actuator, scenario.threads),
     lambda scenario: thread_conflicts(scenario.chamber, scenario.tendon, scenario.arm),
     _contact_conflicts,
     lambda scenario: tool_conflicts(scenario.tool, len(scenario.obstacle)),

@@ -35,3 +35,8 @@ class FlowTable(Model):
     def onset(self) -> Any:
         """When and how it sets in, as a `crinoid.Onset`."""
         return resolve_name("crinoid.assembly.arrays:onset")(self)
+
+    def _made(self, name: str, *keys: str, **others: Any) -> Any:
+        """Return what a function of `crinoid.flow` makes of the onset, some keys, and others."""
+        given = {key: getattr(self, key) for key in keys}
+        return resolve_name(f"crinoid.flow:{name}")(self.onset, **given, **others)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pkgutil import resolve_name
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -47,14 +46,9 @@ class GaussMarkovFlow(FlowTable):
         return self.mean
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        return resolve_name("crinoid.flow:GaussMarkov.of")(
-            self.onset,
-            mean=self.mean,
-            standard_deviation=self.standard_deviation,
-            correlation_time=self.correlation_time,
-            duration=scenario.simulation.duration,
-            generator=generator,
-        )
+        keys = ("mean", "standard_deviation", "correlation_time")
+        duration = scenario.simulation.duration
+        return self._made("GaussMarkov.of", *keys, duration=duration, generator=generator)
 
 
 class TurbulenceFlow(FlowTable):
@@ -85,11 +79,5 @@ class TurbulenceFlow(FlowTable):
         return self.mean
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        return resolve_name("crinoid.flow:Turbulence.of")(
-            self.onset,
-            mean=self.mean,
-            intensity=self.intensity,
-            length_scale=self.length_scale,
-            modes=self.modes,
-            generator=generator,
-        )
+        keys = ("mean", "intensity", "length_scale", "modes")
+        return self._made("Turbulence.of", *keys, generator=generator)

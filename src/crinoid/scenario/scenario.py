@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from itertools import combinations
@@ -11,7 +12,7 @@ from typing import Any
 import tomli_w
 
 from crinoid.foundation.representation import Represented
-from crinoid.scenario.actuator import Actuator, Chamber, Tendon, thread_names
+from crinoid.scenario.actuator import Actuator, Chamber, Tendon, keyed_threads, thread_name
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
 from crinoid.scenario.base_motion import VelocityMotion
@@ -182,7 +183,9 @@ class Scenario(Represented, Model):
         str
             Text of a file.
         """
-        return tomli_w.dumps(self.to_dict())
+        short = r'\[\n([^\[\]{}"]{,80}),\n\s*\]'  # a list of numbers, on a line of its own
+        text = tomli_w.dumps(self.to_dict())
+        return re.sub(short, lambda found: f"[{' '.join(found[1].split())}]", text)
 
     def cases(self) -> list[tuple[dict[str, Any], Scenario]]:
         """Return the cases of the scenario: every combination of the values in ``vary``.
@@ -249,14 +252,15 @@ class Scenario(Represented, Model):
         return given or min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
 
     @property
-    def thread_names(self) -> tuple[str, ...]:
-        """Names of the inputs of chambers and tendons."""
-        return thread_names(self.chamber, self.tendon)
+    def threads(self) -> dict[str, Chamber | Tendon]:
+        """Chambers and tendons by the names of their inputs."""
+        keyed = keyed_threads(self.chamber, self.tendon).items()
+        return {thread_name(key, thread): thread for key, thread in keyed}
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs besides those of further actuators."""
-        return (*self.base.channels.present, *self.thread_names)
+        return (*self.base.channels.present, *self.threads)
 
     @property
     def driven(self) -> tuple[str, ...]:

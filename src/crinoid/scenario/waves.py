@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from pkgutil import resolve_name
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
@@ -87,13 +86,8 @@ class RegularWaveFlow(SurfaceWaves):
     )
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        return resolve_name("crinoid.flow:Waves.regular")(
-            self.onset,
-            height=self.height,
-            period=self.period,
-            phase=math.radians(self.phase_deg),
-            **self.common(scenario),
-        )
+        phase, others = math.radians(self.phase_deg), self.common(scenario)
+        return self._made("Waves.regular", "height", "period", phase=phase, **others)
 
 
 class WavesFlow(SurfaceWaves):
@@ -118,12 +112,5 @@ class WavesFlow(SurfaceWaves):
     components: int = entry(64, "Number of waves in the sum.", ge=1, le=10_000)
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        return resolve_name("crinoid.flow:Waves.of")(
-            self.onset,
-            significant_height=self.significant_height,
-            peak_period=self.peak_period,
-            gamma=self.gamma,
-            components=self.components,
-            generator=generator,
-            **self.common(scenario),
-        )
+        keys = ("significant_height", "peak_period", "gamma", "components")
+        return self._made("Waves.of", *keys, generator=generator, **self.common(scenario))

@@ -1,6 +1,6 @@
 """MCAP of a run for ROS 2 and Foxglove: poses, commands, loads and currents as messages."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from heapq import merge
 from operator import itemgetter
 from typing import Any
@@ -75,27 +75,24 @@ def _poses(data: xr.Dataset, run: Keyframes, stamps: Stamps, turn: Rotations) ->
     frames = {BASE: (root, base)}
     if "/tip/pose" in there:
         frames[TIP] = in_space(data, "tip_position"), _pointing(data, "", aside)
-        found.append(_stamped(stamps, "/tip/pose", "Pose", WORLD, _pose_of(*frames[TIP])))
+        found.append(_stamped(stamps, "/tip/pose", "Pose", WORLD, _poses_of(*frames[TIP])))
     if run.mount.floats:
         frames = {VEHICLE: (run.mount.anchor, run.mount.attitude), **frames}
     found.insert(0, _frames(stamps, frames))
     if "/tip/target" in there:
         target = in_space(data, "tip_target"), _pointing(data, "_target", aside)
-        found.append(_stamped(stamps, "/tip/target", "Pose", WORLD, _pose_of(*target)))
+        found.append(_stamped(stamps, "/tip/target", "Pose", WORLD, _poses_of(*target)))
     if "/base/wrench" in there:
         # a load is drawn at the origin of its frame and along the axes of that
         given = in_space(data, "base_force"), _moment(data)
-        force, moment = (np.einsum("tji,tj->ti", base, vector) for vector in given)
-
-        def wrench(row: int) -> Message:
-            return {"force": _vector(force[row]), "torque": _vector(moment[row])}
-
-        found.append(_stamped(stamps, "/base/wrench", "Wrench", BASE, wrench))
+        loads = zip(*(np.einsum("tji,tj->ti", base, vector) for vector in given), strict=True)
+        wrenches = ({"force": _vector(f), "torque": _vector(m)} for f, m in loads)
+        found.append(_stamped(stamps, "/base/wrench", "Wrench", BASE, wrenches))
     if "/tip/current" in there:
         current = in_space(data, "flow_velocity")
         for end, name in enumerate((BASE, TIP)):
-            of_end = _vector_of(current[:, end])
-            found.append(_stamped(stamps, f"/{name}/current", "Vector3", WORLD, of_end))
+            vectors = map(_vector, current[:, end])
+            found.append(_stamped(stamps, f"/{name}/current", "Vector3", WORLD, vectors))
     return found
 
 
@@ -245,12 +242,12 @@ def _marked(body: RigidBody) -> Iterator[Callable[[int], Message]]:
 
 
 def _stamped(
-    stamps: Stamps, topic: str, kind: str, frame: str, message: Callable[[int], Message]
+    stamps: Stamps, topic: str, kind: str, frame: str, messages: Iterable[Message]
 ) -> Messages:
-    """Yield stamped geometry, such as ``PoseStamped``, from a function of an instant."""
+    """Yield stamped geometry, such as ``PoseStamped``, of each instant."""
     field = {"Vector3": "vector"}.get(kind, kind.lower())
-    for row, time in enumerate(stamps.tolist()):
-        whole = {"header": _header(time, frame), field: message(row)}
+    for time, message in zip(stamps.tolist(), messages, strict=True):
+        whole = {"header": _header(time, frame), field: message}
         yield time, topic, f"geometry_msgs/msg/{kind}Stamped", whole
 
 
@@ -271,13 +268,8 @@ def _frames(stamps: Stamps, frames: dict[str, tuple[Places, Rotations]]) -> Mess
         yield time, "/tf", "tf2_msgs/msg/TFMessage", {"transforms": moved}
 
 
-def _pose_of(place: Places, turn: Rotations) -> Callable[[int], Message]:
-    turns = quaternions(turn)
-    return lambda row: _pose(place[row], turns[row])
-
-
-def _vector_of(vectors: Places) -> Callable[[int], Message]:
-    return lambda row: _vector(vectors[row])
+def _poses_of(place: Places, turn: Rotations) -> Iterable[Message]:
+    return map(_pose, place, quaternions(turn))
 
 
 def _pose(place: Float[np.ndarray, "axis=3"], turn: Float[np.ndarray, "4"]) -> Message:

@@ -17,7 +17,7 @@ from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
 from crinoid.results.reading import load_as, open_drawable
 from crinoid.results.report_error import ReportError
-from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result
+from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED
 from crinoid.results.scene.data import is_spatial
 from crinoid.view.figures import style
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectrum, series_chart
@@ -47,21 +47,6 @@ from crinoid.view.page.write import write_run
 from crinoid.view.refusals import require_figures, require_path, width_of
 
 
-def _of_run(chart: Chart, run: Result) -> Figure:
-    return draw_chart(chart, run.dataset, run.title)
-
-
-_FIGURES: dict[str, Callable[[Result], Figure]] = {
-    "shape": draw_shape,
-    "tip_path": draw_close_up,
-    "bending": draw_bending,
-}
-"""Figures of a run that are no charts, by name."""
-
-_SPACE = {"shape": draw_sheet}  # figures that differ for an arm in space
-_AT_REST = ("shape", "bending", "section_loads")
-
-
 class _Finding(NamedTuple):
     """The file of a finding: its kind in words, required variables, and figures."""
 
@@ -88,7 +73,7 @@ _FINDINGS = {
             "flow_spectrum": ("frequency", "place", "axis"),
             **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
         },
-        {"flow.png": series_chart, "spectrum.png": draw_spectrum, "profile.png": draw_profile},
+        {"flow": series_chart, "spectrum": draw_spectrum, "profile": draw_profile},
     ),
     RECORD: _Finding(
         "a record",
@@ -98,7 +83,7 @@ _FINDINGS = {
             "spectrum": ("frequency", "part"),
             "share": ("speed",),
         },
-        {"record.png": draw_record},
+        {"record": draw_record},
     ),
     "modes.nc": _Finding(
         "modes",
@@ -107,7 +92,7 @@ _FINDINGS = {
             **dict.fromkeys(("shape", "shape_quadrature"), ("medium", "mode", "node", "axis")),
             "position": ("medium", "node", "axis"),
         },
-        {"modes.png": draw_modes},
+        {"modes": draw_modes},
     ),
     CURVE: _Finding(
         "a bending curve",
@@ -116,7 +101,7 @@ _FINDINGS = {
             "tip_position": ("branch", "*", "axis"),
             "position": ("branch", "*", "node", "axis"),
         },
-        {"curve.png": draw_curve},
+        {"curve": draw_curve},
     ),
     "compare.nc": _Finding(
         "a comparison",
@@ -125,7 +110,7 @@ _FINDINGS = {
             "effort": ("controller", "seed", "input"),
             "tick_time": ("controller",),
         },
-        {"compare.png": draw_comparison},
+        {"compare": draw_comparison},
     ),
     "margins.nc": _Finding(
         "margins",
@@ -133,23 +118,21 @@ _FINDINGS = {
             **dict.fromkeys(("locus_real", "locus_imaginary"), ("frequency", "locus")),
             **{f"{name}_margin": () for name in ("gain", "phase", "delay", "modulus")},
         },
-        {"bode.png": draw_bode, "nyquist.png": draw_nyquist},
+        {"bode": draw_bode, "nyquist": draw_nyquist},
     ),
     RESPONSE: _Finding(
         "a response",
         {f"response_{part}": ("frequency", "output", "input") for part in ("real", "imaginary")},
-        {"response.png": draw_response},
+        {"response": draw_response},
     ),
     IDENTIFICATION: _Finding(
         "an identification",
         {
             **dict.fromkeys(("given", "found", "standard_error"), ("parameter",)),
             **dict.fromkeys(("measured", "computed", "computed_before"), ("time", "quantity")),
-            "set_aside": ("time",),
-            "marker": ("time",),
-            "hold": ("time",),
+            **dict.fromkeys(("set_aside", "marker", "hold"), ("time",)),
         },
-        {"identify.png": draw_identification},
+        {"identify": draw_identification},
     ),
     ESTIMATE: _Finding(
         "an estimate",
@@ -159,12 +142,12 @@ _FINDINGS = {
             **dict.fromkeys(("innovation", "innovation_std"), ("time", "reading")),
             "sensor_reading": ("time", "reading"),
         },
-        {"log_estimate.png": log_chart},
+        {"log_estimate": log_chart},
     ),
-    OPTIMISATION: _Finding("an optimisation", _SEARCH, {"optimise.png": draw_optimisation}),
-    TUNING: _Finding("a tuning", _SEARCH, {"tune.png": draw_optimisation}),
+    OPTIMISATION: _Finding("an optimisation", _SEARCH, {"optimise": draw_optimisation}),
+    TUNING: _Finding("a tuning", _SEARCH, {"tune": draw_optimisation}),
     TRAINING: _Finding(
-        "a training", {"cost": ("look",), "error": ("look",)}, {"training.png": draw_training}
+        "a training", {"cost": ("look",), "error": ("look",)}, {"training": draw_training}
     ),
 }
 """Findings by the names of their files, which may be in the folder of a result."""
@@ -212,20 +195,18 @@ def write_book(path: Path, out: Path | None, ending: str, width: str | None) -> 
 
 
 def _run(path: Path) -> Part:
-    """Return a run and its figures."""
+    """Return a run and its figures; those that show changes only where it has several instants."""
     run = open_drawable(path)
-    figures = _FIGURES | (_SPACE if is_spatial(run.dataset) else {})
-    figures |= {"cycles": draw_cycles} if has_cycles(run) else {}
-    if (along := section_load_chart(run)) is not None:
-        figures |= {"section_loads": partial(_of_run, along)}
-    if run.dataset.sizes["time"] == 1:  # nothing changes
-        figures = {name: figures[name] for name in _AT_REST if name in figures}
-    else:
-        charts = [(name, chart) for name, chart in charts_of(run) if name]
-        figures |= {name: partial(_of_run, chart) for name, chart in charts}
-    return Part(
-        path, run.dataset, run, {name: partial(draw, run) for name, draw in figures.items()}
-    )
+    changes = run.dataset.sizes["time"] > 1
+    figures = {"shape": draw_sheet if is_spatial(run.dataset) else draw_shape}
+    figures |= {"tip_path": draw_close_up} if changes else {}
+    figures |= {"bending": draw_bending} | ({"cycles": draw_cycles} if has_cycles(run) else {})
+    drawn = {name: partial(draw, run) for name, draw in figures.items()}
+    charts = [("section_loads", section_load_chart(run)), *(charts_of(run) if changes else ())]
+    for name, chart in charts:
+        if name and chart is not None:
+            drawn[name] = partial(draw_chart, chart, run.dataset, run.title)
+    return Part(path, run.dataset, run, drawn)
 
 
 def _finding(path: Path) -> Part:
@@ -237,7 +218,7 @@ def _finding(path: Path) -> Part:
         found = draw(data)
         return draw_chart(found, data, found.title) if isinstance(found, Chart) else found
 
-    figures = {Path(name).stem: partial(drawn, draw) for name, draw in finding.figures.items()}
+    figures = {name: partial(drawn, draw) for name, draw in finding.figures.items()}
     return Part(path, data, None, figures)
 
 

@@ -2,7 +2,7 @@
 
 import platform
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +33,7 @@ _A4 = 8.27, 11.69  # inches
 _MARGIN, _FOOT = 0.75, 0.45  # inches, the foot that of the number of a page
 _HEAD: Any = {"fontsize": 14.0, "va": "top"}
 _LINE = 0.175  # inches between two lines
-_LETTERS = 104  # of a line of code
+_MOST_LINES = int((_A4[1] - 2 * _MARGIN - 0.9) / _LINE)  # of a page
 
 CAPTIONS = {
     "shape": "The arm over time, with the path of its tip and the water.",
@@ -104,11 +104,10 @@ def write_document(path: Path, parts: list[Part]) -> Path:
     return path
 
 
-class _Pages:
+class _Pages(NamedTuple):
     """Pages of a document, with their numbers."""
 
-    def __init__(self, pdf: PdfPages) -> None:
-        self._pdf, self._drawn = pdf, 0
+    pdf: PdfPages
 
     def write(self, parts: list[Part]) -> None:
         first = parts[0]
@@ -116,26 +115,17 @@ class _Pages:
         for part in parts:
             if part.run is not None:
                 self._numbers(part.run)
-        for part in parts:
-            for name, draw in part.figures.items():
-                self._drawn += 1
-                self._figure(draw(), f"Figure {self._drawn}. {CAPTIONS[name]}")
-        notes = [line for part in parts for line in _notes_of(part)]
-        bullets = [
-            textwrap.wrap(f"\N{BULLET} {each}", 105, subsequent_indent="  ") for each in notes
-        ]
-        self._text("Notes", [line for lines in bullets for line in lines])
+        figures = [figure for part in parts for figure in part.figures.items()]
+        for number, (name, draw) in enumerate(figures, 1):
+            self._figure(draw(), f"Figure {number}. {CAPTIONS[name]}")
+        notes = "\n".join(str(part.data.attrs.get("notes", "")) for part in parts).splitlines()
+        self._text("Notes", [f"\N{BULLET} {each}" for each in notes if each], 105, "  ")
         scenario = str(first.data.attrs.get("scenario", "")).splitlines()
-        code = [
-            textwrap.wrap(line, _LETTERS, subsequent_indent="    ") or [""] for line in scenario
-        ]
-        self._text("Scenario", [line for lines in code for line in lines], "monospace")
-        made = str(first.data.attrs.get("crinoid_version", "unknown"))
-        own = [f"{name} {number}" for name, number in versions().items() if number]
-        own += [platform.platform(), f"{date.today():%Y-%m-%d}"]
-        self._text(
-            "Versions", [f"The result was made with crinoid {made}, this report with:", *own]
-        )
+        self._text("Scenario", scenario, 104, "    ", family="monospace")
+        version = first.data.attrs.get("crinoid_version", "unknown")
+        lines = [f"The result was made with crinoid {version}, this report with:"]
+        lines += [f"{name} {number}" for name, number in versions().items() if number]
+        self._text("Versions", [*lines, platform.platform(), f"{date.today():%Y-%m-%d}"])
 
     def _cover(self, part: Part) -> None:
         page = Figure(figsize=_A4)
@@ -143,11 +133,10 @@ class _Pages:
         look: Any = {"va": "top", "parse_math": False}
         page.text(*_at(0.0, 1.0), "\n".join(title), fontsize=20.0, **look)
         below = 1.4 + 0.34 * len(title)
-        lines = [f"{part.source.resolve().parent.name}, {date.today():%Y-%m-%d}"]
+        made = f"{part.source.resolve().parent.name}, {date.today():%Y-%m-%d}"
+        page.text(*_at(0.0, below), made, fontsize=11.0, **look)
         status = str(part.data.attrs.get("status", "")) or Status.OK.value
-        ok = Status.of(status) is Status.OK
-        page.text(*_at(0.0, below), lines[0], fontsize=11.0, **look)
-        if not ok:
+        if Status.of(status) is not Status.OK:
             words = textwrap.fill(status, 90)
             page.text(*_at(0.0, below + 0.3), words, color=style.VERMILLION, **look)
         if part.run is not None:
@@ -169,14 +158,8 @@ class _Pages:
         except (LookupError, ValueError, ScenarioError):
             self._text("Numbers", ["The result lacks variables of the summary."])
             return
-        columns = len(table.heads)
-        across = (0.0, 2.9) if columns == 2 else (0.0, 3.1, 4.7, 6.1)
-        for page, rows in self._pages("Numbers", table.rows):
-            for index, row in enumerate([table.heads, *rows]):
-                for cell, left in zip(row, across, strict=False):
-                    place = _at(left, 0.5 + index * _LINE)
-                    page.text(*place, cell, va="top", parse_math=False, fontsize=8.0)
-            self._save(page)
+        across = (0.0, 2.9) if len(table.heads) == 2 else (0.0, 3.1, 4.7, 6.1)
+        self._write("Numbers", table.rows, across, table.heads)
 
     def _figure(self, figure: Figure, caption: str) -> None:
         style.space_numbers(figure)
@@ -186,40 +169,46 @@ class _Pages:
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         for legend in figure.legends:  # else it goes to the foot of the page
-            legend.set_bbox_to_anchor((0.0, 0.0, 1.0, 1.0), figure.transFigure)
+            place = legend.get_bbox_to_anchor().transformed(figure.transFigure.inverted())
+            legend.set_bbox_to_anchor(place, figure.transFigure)
         # the page is larger than the figure, which is at its top
         low = tall + _MARGIN - _A4[1]
         figure.text(0.0, -0.15 / tall, caption, va="top", fontsize=9.0).set_in_layout(False)
         self._save(figure, Bbox.from_bounds(-_MARGIN, low, *_A4))
 
-    def _text(self, head: str, lines: list[str], family: str = "sans-serif") -> None:
-        for page, some in self._pages(head, lines):
-            for index, line in enumerate(some):
-                place = _at(0.0, 0.5 + index * _LINE)
-                page.text(*place, line, va="top", parse_math=False, family=family, fontsize=8.0)
+    def _text(
+        self, head: str, lines: list[str], wide: int = 105, indent: str = "", **look: Any
+    ) -> None:
+        """Write lines, broken where they are wider than a number of letters."""
+        broken = (textwrap.wrap(line, wide, subsequent_indent=indent) or [""] for line in lines)
+        self._write(head, [[line] for lines in broken for line in lines], **look)
+
+    def _write(
+        self,
+        head: str,
+        rows: list[list[str]],
+        across: Sequence[float] = (0.0,),
+        heads: Sequence[str] = (),
+        **look: Any,
+    ) -> None:
+        """Write rows below a head on as many pages as they need; columns are inches apart."""
+        look |= {"va": "top", "parse_math": False, "fontsize": 8.0}
+        for begin in range(0, len(rows), _MOST_LINES):
+            page = Figure(figsize=_A4)
+            page.text(*_at(0.0, 0.0), f"{head}, continued" if begin else head, **_HEAD)
+            shown = rows[begin : begin + _MOST_LINES]
+            for index, row in enumerate([heads, *shown] if heads else shown):
+                for cell, left in zip(row, across, strict=False):
+                    page.text(*_at(left, 0.5 + index * _LINE), cell, **look)
             self._save(page)
 
-    def _pages(self, head: str, lines: list[Any]) -> Iterable[tuple[Figure, list[Any]]]:
-        """Yield pages with a head, and what is on each."""
-        most = int((_A4[1] - 2 * _MARGIN - 0.9) / _LINE)
-        for begin in range(0, len(lines), most):
-            page = Figure(figsize=_A4)
-            page.text(*_at(0.0, 0.0), head if not begin else f"{head}, continued", **_HEAD)
-            yield page, lines[begin : begin + most]
-
     def _save(self, page: Figure, box: Bbox | None = None) -> None:
-        number, (left, low) = (
-            str(self._pdf.get_pagecount() + 1),
-            (0.0, 0.0) if box is None else box.min,
-        )
+        left, low = (0.0, 0.0) if box is None else box.min
         wide, tall = page.get_size_inches()
         place = (left + _A4[0] / 2) / wide, (low + _FOOT) / tall
+        number = str(self.pdf.get_pagecount() + 1)
         page.text(*place, number, ha="center", color=style.GREY).set_in_layout(False)
-        self._pdf.savefig(page, bbox_inches=box)
-
-
-def _notes_of(part: Part) -> list[str]:
-    return str(part.data.attrs.get("notes", "")).splitlines()
+        self.pdf.savefig(page, bbox_inches=box)
 
 
 def _at(right: float, down: float) -> tuple[float, float]:

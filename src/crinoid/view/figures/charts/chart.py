@@ -29,9 +29,14 @@ class Trace:
     role: Role
     line: Literal["solid", "dashed", "dotted", "filled", "points"] = "solid"
     """`"filled"`: steps down to zero, a value from each instant to the next; points: on paper."""
-    behind: bool = False  # whether it is drawn fainter and behind the others, as a reference
+    reference: bool = False  # whether others are compared with it, as with a run without control
     summary: str = ""  # numbers that summarise it
     quiet: bool = False  # whether it has no entry in the key
+
+    @property
+    def behind(self) -> bool:
+        """Whether it is drawn fainter and behind the others."""
+        return self.reference or self.role == "free"
 
     @property
     def words(self) -> str:

@@ -84,8 +84,7 @@ def effort_chart(run: Result) -> Chart:
             spent = np.asarray(data["newton_iterations"].values, float)
             # of a step since the previous instant; 0 at the first
             found = np.divide(spent, steps, out=np.zeros_like(spent), where=steps > 0)
-            time, behind = data["time"].values, role == "free"
-            traces.append(Trace(label, time, found, role, behind=behind))
+            traces.append(Trace(label, data["time"].values, found, role))
     high = 1.08 * largest(*(trace.values for trace in traces)) or 1.0
     nothing = "" if traces else "no iterations recorded"
     panel = replace(_ITERATIONS, traces=tuple(traces), high=high, nothing=nothing)
@@ -189,7 +188,7 @@ def _group(data: xr.Dataset, channels: list[str], tall: float) -> Panel:
             commanded = True
         if _moves(pose - servo, channel):
             words = f"{channel} as prescribed{' and driven' if driven else ''}"
-            traces.append(Trace(words, time, whole, role, "dotted", behind=True))
+            traces.append(Trace(words, time, whole, role, "dotted", reference=True))
     name, label = f"base_{'_'.join(channels)}", f"{'turn' if turns else 'shift'} of\nthe base"
     levels = tuple(_limits(data, channels, [trace.values for trace in traces]))
     also = _COMMANDS if commanded else ()

@@ -69,11 +69,12 @@ def load_chart(run: Result) -> Chart | None:
             values = data[name].values if name in data else np.zeros(data.sizes["time"])
             return values.reshape(len(values), -1)
 
-        def unit_of(most: float, unit: str = unit) -> Unit:
-            return si_unit(most, unit)
-
         panel = Panel(f"{name}_spectrum", f"density of the\n{word} on {base}", tall=2.6)
-        panels.append(_panel(run, panel, load, unit_of, word, f"the {word} does not change"))
+        panels.append(
+            _panel(
+                run, panel, load, partial(si_unit, name=unit), word, f"the {word} does not change"
+            )
+        )
     ends = [panel.over for panel in panels if panel.over]
     if not ends:
         return None
@@ -103,7 +104,7 @@ def _panel(
         if each is not None:
             frequency, density = each
             shown = np.where(density > 0.0, density, np.nan)
-            traces.append(Trace(who or name, frequency, shown, role, behind=role == "free"))
+            traces.append(Trace(who or name, frequency, shown, role))
     seen = [f[density > top / 10**_DECADES] for f, density in known]
     label = f"({root.name})²/Hz" if " " in root.name else f"{root.name}²/Hz"
     unit, low = Unit(root.factor**2, label), top / 10**_DECADES

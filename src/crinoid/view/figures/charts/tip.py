@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 
 from crinoid.foundation.axes import AXES
 from crinoid.results.errors import error_word, judged_or_all, off_direction
@@ -13,6 +12,7 @@ from crinoid.results.result import Result
 from crinoid.results.scene.scene import CALM
 from crinoid.results.units import DEGREES, Unit, largest, length_unit, si_unit, without_round_off
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, ZERO, Chart, Level, Panel, Trace, rms
+from crinoid.view.figures.charts.spectra import miss
 
 _ROOM = 1.08  # of an axis, above the largest value
 _ERROR = Panel("tip_error", "tip error", low=0.0, tall=2.25, columns=1)
@@ -52,8 +52,7 @@ def _error(run: Result) -> Panel:
         if tolerance is not None:
             near, share = length_unit(tolerance).text(tolerance), np.mean(judged <= tolerance)
             summary += f", {100 * share:.3g} % within {near}"
-        behind = role == "free"
-        traces.append(Trace(label, _time(data), values, role, behind=behind, summary=summary))
+        traces.append(Trace(label, data["time"].values, values, role, summary=summary))
         levels.append(Level(mean, role, "dashed"))
     high = None if largest(*errors) > 0 else 1.0 / unit.factor
     panel = replace(_ERROR, label=error_word(scenario), unit=unit, high=high)
@@ -62,26 +61,18 @@ def _error(run: Result) -> Panel:
 
 
 def _components(run: Result) -> Panel:
-    length = run.known_scenario.arm.length
-    misses = [
-        (
-            label,
-            data,
-            without_round_off(data["tip_position"].values - data["tip_target"].values, length),
-        )
-        for label, data in ((label, each.dataset) for label, each in run.members)
-    ]
-    unit = length_unit(largest(*(miss for _, _, miss in misses)))
+    misses = [(label, each.dataset, miss(run, each.dataset)) for label, each in run.members]
+    unit = length_unit(largest(*(away for _, _, away in misses)))
     traces = []
-    for label, data, miss in misses:
-        behind = label == "without control"
-        for part, axis in enumerate(map(str, data["axis"].values)):
-            name = f"{axis}, {label}" if label else axis
-            traces.append(Trace(name, _time(data), miss[:, part], axis, behind=behind))
+    for label, data, away in misses:
+        free = label == "without control"
+        for axis in map(str, data["axis"].values):
+            name, part = f"{axis}, {label}" if label else axis, away[:, AXES[3].index(axis)]
+            traces.append(Trace(name, data["time"].values, part, axis, reference=free))
     columns = 2 if len(misses) > 1 else len(AXES[3])
     label = _MISS.label if run.known_scenario.aims else "tip \N{MINUS SIGN} start"
     panel = replace(_MISS, label=label, unit=unit, traces=tuple(traces), columns=columns)
-    still = largest(*(miss for _, _, miss in misses)) == 0.0
+    still = largest(*(away for _, _, away in misses)) == 0.0
     return replace(panel, low=-1.0 / unit.factor, high=1.0 / unit.factor) if still else panel
 
 
@@ -90,11 +81,11 @@ def _direction(run: Result) -> Panel:
     aimed, traces = "tip_direction_target" in data, []
     for axis in AXES[3]:
         part = data["tip_direction"].sel(axis=axis).values
-        traces.append(Trace(axis, _time(data), part, axis))
+        traces.append(Trace(axis, data["time"].values, part, axis))
         if aimed:
             wanted = data["tip_direction_target"].sel(axis=axis).values
             words = f"{axis} of the {word}"
-            traces.append(Trace(words, _time(data), wanted, axis, "dashed", quiet=True))
+            traces.append(Trace(words, data["time"].values, wanted, axis, "dashed", quiet=True))
     also: tuple[tuple[str, Literal["dashed"]], ...] = ((word, "dashed"),)
     return replace(_DIRECTION, traces=tuple(traces), also=also if aimed else ())
 
@@ -108,8 +99,7 @@ def _off_direction(run: Result) -> Panel:
             judged = off[judged_or_all(each)]
             most = DEGREES.text(largest(judged))
             summary = f"RMS {DEGREES.text(rms(judged))}, maximum {most}"
-            behind = role == "free"
-            traces.append(Trace(label, _time(data), off, role, behind=behind, summary=summary))
+            traces.append(Trace(label, data["time"].values, off, role, summary=summary))
     high = _ROOM * largest(*(trace.values for trace in traces)) or 1.0 / DEGREES.factor
     nothing = "" if traces else "no direction recorded"
     label = _OFF.label if run.known_scenario.aims else "turn of\nthe tip"
@@ -122,10 +112,6 @@ def _speed(data: xr.Dataset) -> Panel:
     speed = np.linalg.norm(data["flow_velocity"].isel(node=-1).values, axis=-1)
     top = largest(speed)
     summary = f"mean {si_unit(1.0, 'm/s').text(float(np.nanmean(speed)))}"
-    traces = (Trace("", _time(data), speed, "ink", summary=summary),)
+    traces = (Trace("", data["time"].values, speed, "ink", summary=summary),)
     high, nothing = _ROOM * top or 1.0, "" if top > CALM else "still water"
     return replace(_WATER, traces=traces, low=0.0, high=high, nothing=nothing)
-
-
-def _time(data: xr.Dataset) -> Float[np.ndarray, " time"]:
-    return np.asarray(data["time"].values, float)

@@ -84,7 +84,7 @@ def _bodies(label: str, result: Result) -> Iterator[_Body]:
             about = named(names[index], f"{index}", index)
             yield _Body(*about, np.diff(total) > 0.0, float(total[-1]), force, mean, gap, closest)
     for index, (part, words) in enumerate(FAR_CONTACTS.items()):
-        if (far := far_contact(data, part)) is None:
+        if (far := far_contact(result, part)) is None:
             continue
         name, short = f"the arm {words}" if part == "self" else words, words.split()[-1]
         about, none = named(name, short, count + index), np.zeros(0)
@@ -123,7 +123,7 @@ def _force(bodies: list[_Body]) -> Panel:
             filled = True
         summary = f"\u2264 {unit.text(largest(body.force))}"
         traces.append(
-            Trace(body.short, body.time, body.force, role, behind=body.behind, summary=summary)
+            Trace(body.short, body.time, body.force, role, reference=body.behind, summary=summary)
         )
     limit = spike_limit([body.force[:, None] for body in bodies])
     panel = replace(_FORCE, unit=unit, traces=tuple(traces), high=limit if top else 1.0)
@@ -148,7 +148,7 @@ def _gap(bodies: list[_Body]) -> Panel:
         summary = f"\u2265 {length_unit(abs(body.closest)).text(body.closest)}"
         role = f"series {body.order}"
         traces.append(
-            Trace(body.short, body.time, body.gap, role, behind=body.behind, summary=summary)
+            Trace(body.short, body.time, body.gap, role, reference=body.behind, summary=summary)
         )
     unit = length_unit(largest(*(body.gap for body in bodies)))
     return replace(_GAP, unit=unit, traces=tuple(traces))

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from crinoid.results.result import Result
 from crinoid.results.units import Unit, largest, si_unit
-from crinoid.view.figures.charts.chart import Chart, Level, Panel, Trace, rms
+from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Level, Panel, Trace, rms
 
 _HERTZ = Unit(1.0, "Hz")
 _SMOOTHED = 1.0
@@ -60,23 +60,11 @@ def _frequency(run: Result) -> Panel:
 
 
 def _force(run: Result) -> Panel:
-    parts = [
-        (label, each.dataset, each.dataset["vortex_force"].values[:, -1])
-        for label, each in run.members
-    ]
-    _, first, force = parts[0]
-    axis = int(np.argmax(force.std(axis=0)))
-    unit = si_unit(largest(*(values[:, axis] for *_, values in parts)), "N/m")
-    traces = tuple(
-        Trace(
-            label or f"along {first['axis'].values[axis]}",
-            data["time"].values,
-            values[:, axis],
-            role,
-            behind=role == "free",
-            summary=f"{unit.text(rms(values[:, axis]))} RMS",
-        )
-        for (label, data, values), role in zip(parts, ("run", "free"), strict=False)
-    )
-    name = f"vortex force\nat the tip, {first['axis'].values[axis]}"
-    return Panel("vortex_force", name, unit, traces)
+    forces = [each.dataset["vortex_force"].values[:, -1] for _, each in run.members]
+    widest = int(np.argmax(forces[0].std(axis=0)))
+    axis, forces = run.dataset["axis"].values[widest], [each[:, widest] for each in forces]
+    unit, traces = si_unit(largest(*forces), "N/m"), []
+    for (label, each), force, role in zip(run.members, forces, MEMBER_ROLES, strict=False):
+        time, summary = each.dataset["time"].values, f"{unit.text(rms(force))} RMS"
+        traces.append(Trace(label or f"along {axis}", time, force, role, summary=summary))
+    return Panel("vortex_force", f"vortex force\nat the tip, {axis}", unit, tuple(traces))
