@@ -123,7 +123,7 @@ class Learner(eqx.Module):
     """Factor on the learning rate of the policy."""
 
 
-def _weights(policy: Policy) -> tuple[Array, Any]:
+def _weights(policy: Policy) -> tuple[Any, Any]:
     """Return the weights of a policy that training changes."""
     return policy.linear, policy.layers
 
