@@ -10,7 +10,7 @@ import pytest
 
 import crinoid
 from crinoid.assembly.control_design import observer_model
-from crinoid.assembly.observer import ReadingNoise, ReadingSchedule
+from crinoid.assembly.observer import ReadingSchedule, reading_noise
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Estimate, Estimated, SubmarineFrame
 from crinoid.scenario import Scenario, ScenarioError
@@ -46,7 +46,7 @@ def test_covariance_is_that_of_the_errors_of_a_linear_arm():
     plan, observer = setup.plan, setup.loop.controller.observer
     arrivals = ReadingSchedule.of(plan.sensors, plan.period, HELD.simulation.time_step)
     model, parts = observer_model(plan, HELD.driven, arrivals)
-    noise = ReadingNoise.of(plan, model, parts)
+    variance, _ = reading_noise(plan, model, parts)
     assert arrivals.age == (1,)  # readings under way are states too
     draws, rng = 1000, np.random.default_rng(5)
     size, ways = np.linalg.eigh(parts.noise)
@@ -57,7 +57,7 @@ def test_covariance_is_that_of_the_errors_of_a_linear_arm():
         true = true @ parts.move.T + rng.standard_normal(true.shape) @ by_noise.T
         found = found @ parts.move.T
         read = true @ parts.expect.T
-        read += rng.standard_normal(read.shape) * np.sqrt(noise.variance)
+        read += rng.standard_normal(read.shape) * np.sqrt(variance)
         found = found + (read - found @ parts.expect.T) @ gain.T
     outputs = observer.outputs
     for output in (outputs.tip, outputs.position):

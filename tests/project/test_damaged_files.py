@@ -20,7 +20,7 @@ import crinoid
 from crinoid.assembly.description import Description
 from crinoid.assembly.neural import read_policy
 from crinoid.recording import propose, read_dataset
-from crinoid.recording.recording import PlaybackWindow, read_recording
+from crinoid.recording.recording import read_recording
 from crinoid.results.metrics import measured
 from crinoid.results.result import RESULT, Result, ResultError
 from crinoid.results.stream import Stream
@@ -81,7 +81,7 @@ def play(path):
     with read_dataset(str(path)) as dataset:
         propose(dataset, str(path))
     case = playing(path, velocity=["u", "w"])
-    read_recording(case.flow[0], PlaybackWindow.of(case, {}))
+    read_recording(case.flow[0], case, {})
 
 
 def table(folder):

@@ -14,7 +14,7 @@ import crinoid
 from crinoid.assembly.arrays import build_flow
 from crinoid.assembly.prepared import Prepared
 from crinoid.flow import Water
-from crinoid.recording import PlaybackWindow
+from crinoid.recording.recording import base_travel
 from crinoid.scenario import Scenario, load
 from helpers.arms import order
 from helpers.measured import BASES, M_PER_S, enu, measured, point, profile, recorded, wave, write
@@ -364,15 +364,14 @@ def test_the_plane_of_a_spatial_record_is_the_planar_one(tmp_path):
 
 
 @PLANE_AND_SPACE
-def test_an_arm_reaches_as_far_as_its_base_travels(axes):
+def test_a_base_travels_as_far_as_channels_and_motions_together(axes):
     sine = {"kind": "sine", "amplitude": 0.8, "frequency_hz": 1.0}
     channels = {"slide": {"range": (0.0, 0.3)}, "heave": {"range": (-0.4, 0.1)}}
     motion = [sine | {"channel": channel} for channel in ("heave", "sway")[: axes - 1]]
     base = {"channels": channels, "motion": motion}
-    stage = PlaybackWindow.of(Scenario(arm={"length": 0.5, "dimension": axes}, base=base), {})
+    scenario = Scenario(arm={"length": 0.5, "dimension": axes}, base=base)
     travel = np.linalg.norm([0.3, 1.2, 0.8][:axes])
-    assert stage.reach == pytest.approx(1.1 * 0.5 + travel)
-    assert stage.heights == (-10.0, -10.0)
+    assert base_travel(scenario, {}) == pytest.approx(travel)
 
 
 # --- where a path starts -----------------------------------------------------------------------

@@ -110,23 +110,22 @@ def build_flow(
 
 
 def measured(
-    onset: Onset, recording: Recording, origin: tuple[float, ...]
+    onset: Onset, recording: Recording, scenario: Scenario
 ) -> MeasuredPoint | MeasuredProfile:
-    """Return the flow of a recording, which is met without delay at ``origin`` (m)."""
+    """Return the flow of a recording, which is met without delay at the base of a scenario."""
     from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
-    window = recording.window
-    delay = window.reach * float(np.linalg.norm(recording.slowness))
+    origin, end = array(scenario.base.position), scenario.simulation.duration + recording.delay
 
     def played(values: Float[np.ndarray, "time column"]) -> PiecewisePolynomial:
         spline = CubicSpline(recording.run_time, values)
-        return PiecewisePolynomial(between(spline, -delay, window.duration + delay))
+        return PiecewisePolynomial(between(spline, -recording.delay, end))
 
     if recording.levels is None:
         return MeasuredPoint(
             onset,
             played(recording.velocity[:, 0]),
-            array(origin),
+            origin,
             array(recording.slowness),
             carried=recording.carried,
             panels=panels_of(float(onset.ramp_time), 4 * recording.interval * recording.time_scale),
@@ -134,5 +133,5 @@ def measured(
     values = recording.velocity
     slopes = CubicSpline(recording.levels, values, axis=1)(recording.levels, 1)
     columns = np.stack([values, slopes], axis=2).reshape(len(values), -1)
-    travels = (array(origin), array(recording.slowness)) if np.any(recording.slowness) else ()
+    travels = (origin, array(recording.slowness)) if np.any(recording.slowness) else ()
     return MeasuredProfile(onset, played(columns), array(recording.levels), *travels)

@@ -95,8 +95,6 @@ _RAMP_TIME = 1.0
 _ALONG = 1e-6
 """Sine of an angle below which two directions are one."""
 
-Vector = Float[np.ndarray, " d"]
-
 
 def build_target(
     scenario: Scenario, path: Series | None, system: System, tip: Float[Array, " pose"]
@@ -151,7 +149,9 @@ def _pointing(
     return None, None if steady is None else np.asarray(steady)
 
 
-def _formula(target: TargetTable, begin: Vector) -> PiecewisePolynomial | Orbit | Line:
+def _formula(
+    target: TargetTable, begin: Float[np.ndarray, " d"]
+) -> PiecewisePolynomial | Orbit | Line:
     start = target.start or 0.0
     if target.to is not None:
         from scipy.interpolate import BPoly, PPoly  # slow to load, and often not needed

@@ -215,9 +215,14 @@ class Facts:
         """Velocities near the arm of each flow without a known speed, by its index (m/s)."""
         if self.prepared.parts is None and len(self._known_speeds) == len(self.scenario.flow):
             return {}
-        from crinoid.assembly.system import sampled  # JAX: slow to load, few need it
+        from crinoid.assembly.system import sampled_velocities  # JAX: slow to load, few need it
 
-        return sampled(self.prepared.system, self.scenario, self._known_speeds)
+        flows = enumerate(self.prepared.system.forces.water.flows)
+        return {
+            index: np.concatenate(sampled_velocities(flow, self.scenario))
+            for index, flow in flows
+            if index not in self._known_speeds
+        }
 
     @cached_property
     def waters(self) -> dict[str, tuple[float, ...]]:

@@ -99,7 +99,6 @@ def _retraction(scenario: Scenario) -> float:
     for channel in CHANNEL_TABLE:
         found = base.channels.present.get(channel.name)
         if found is not None and not channel.turns:
-            limits = found.limits
-            forward = ahead[channel.axis]
+            limits, forward = found.limits, ahead[channel.axis]
             back += max(0.0, -limits.low * forward, -limits.high * forward)
     return back

@@ -133,8 +133,6 @@ def fluctuations(
                 found.append(_waves(flow, scenario))
             case MeasuredFlow():
                 found.append(_measured(recordings[index], slow))
-            case _:
-                pass
     total = np.sqrt(sum((each.deviation**2 for each in found), np.zeros(axes)))
     least = _LEAST * scenario.arm.length / first_period
     found.append(Fluctuation(np.maximum(least, _SHARE * total), slow))
@@ -193,8 +191,6 @@ def _carrier(
                 mean += record.velocity[:, 0].mean(axis=0)
                 if not record.carried:
                     variance += float(record.velocity[:, 0].var(axis=0).sum())
-            case _:
-                pass
     return mean, variance
 
 

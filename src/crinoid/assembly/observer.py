@@ -192,33 +192,28 @@ def augmented(
     return AugmentedModel(move, held, driven, noise, expect, follow, outputs, usual, arm)
 
 
-class ReadingNoise(NamedTuple):
-    """Sizes and errors of the readings of all sensors, one behind the other."""
+def reading_noise(
+    plan: AssembledScenario, model: LinearModel, parts: AugmentedModel
+) -> tuple[Float[np.ndarray, " y"], Float[np.ndarray, " y"]]:
+    """Return the variance of the readings of all sensors, and where the model is linear about.
 
-    sizes: tuple[int, ...]
-    """Number of values of each sensor."""
-    variance: Float[np.ndarray, " y"]
-    values: Float[np.ndarray, " y"]
-    """Readings where the model is linear about, in the frame of the target."""
-
-    @staticmethod
-    def of(plan: AssembledScenario, model: LinearModel, parts: AugmentedModel) -> ReadingNoise:
-        """Return noise, rounding, and the motions that the model lacks."""
-        given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
-        grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
-        sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
-        meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
-        least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
-        local = np.zeros_like(parts.usual)
-        for sensor, end in zip(plan.sensors, np.cumsum(sizes), strict=True):
-            if isinstance(sensor.measurand, (Shape, Inclination)):
-                rows = slice(end - sensor.noise.shape[0], end)
-                local[rows] = _LOCAL * parts.usual[rows].max()
-        noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
-        values = values_in_current(plan.sensors, model.values, np.array(plan.current, float))
-        values[: sizes[0]] = plan.target.to_frame(array(values[: sizes[0]]), plan.state.time)
-        least = 1e-16 * max(noise.max(), 1e-300)
-        return ReadingNoise(tuple(sizes), np.maximum(noise, least), values)
+    Errors are noise, rounding, and the motions that the model lacks. The readings there are in the
+    frame of the target.
+    """
+    given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
+    grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
+    sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
+    meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
+    least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
+    local = np.zeros_like(parts.usual)
+    for sensor, end in zip(plan.sensors, np.cumsum(sizes), strict=True):
+        if isinstance(sensor.measurand, (Shape, Inclination)):
+            rows = slice(end - sensor.noise.shape[0], end)
+            local[rows] = _LOCAL * parts.usual[rows].max()
+    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
+    values = values_in_current(plan.sensors, model.values, np.array(plan.current, float))
+    values[: sizes[0]] = plan.target.to_frame(array(values[: sizes[0]]), plan.state.time)
+    return np.maximum(noise, 1e-16 * max(noise.max(), 1e-300)), values
 
 
 def values_in_current(
@@ -239,7 +234,8 @@ def build_observer(
     plan: AssembledScenario, model: LinearModel, parts: AugmentedModel, arrivals: ReadingSchedule
 ) -> Observer:
     """Return the observer of least variance."""
-    sizes, variance, values = ReadingNoise.of(plan, model, parts)
+    variance, values = reading_noise(plan, model, parts)
+    sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
     every = np.repeat(arrivals.fresh, sizes, axis=1)
     found = stationary_filter(parts.move, parts.noise, parts.expect, variance, every)
     return Observer(

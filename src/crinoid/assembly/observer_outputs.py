@@ -10,11 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from crinoid.assembly.arrays import array
-from crinoid.assembly.linear import LinearModel
+from crinoid.assembly.linear import LinearModel, Matrix
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import CurrentOutput, LinearOutput, ObserverOutputs
-
-Matrix = Float[np.ndarray, "_ _"]
 
 _DRAG_ERROR = 0.15
 """Error of the estimated current by the linear model of drag and inertia, over its deviation."""

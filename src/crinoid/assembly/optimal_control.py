@@ -103,8 +103,6 @@ class Regulator(NamedTuple):
         return solve_discrete_are(self.A, self.B, self.cost, self.rate)
 
 
-Ticks = Int[np.ndarray, " look"]
-
 _GENTLER = 2.0 ** np.arange(0, 4.1, 0.25)
 """Smoothness of each gain over the first: weight of speeds against errors."""
 _PREVIEW = 1.5
@@ -121,15 +119,8 @@ def build_lqg(plan: AssembledScenario) -> Lqg:
         looks = np.unique(np.round(np.geomspace(1, 1 + ticks, _LOOKS_LQG)).astype(int)) - 1
     try:
         design = ControlDesignModel.of(plan, settings)
-        found = [
-            _Gain.of(
-                design._replace(error_scale=factor * design.error_scale),
-                settings.integral_time,
-                plan.period,
-                looks,
-            )
-            for factor in _GENTLER
-        ]
+        gentler = (design._replace(error_scale=f * design.error_scale) for f in _GENTLER)
+        found = [_gains(each, settings.integral_time, plan.period, looks) for each in gentler]
     except np.linalg.LinAlgError as error:  # of the Riccati equations
         text = f'got "lqg", but no gain exists for this arm ({error}). Choose another kind.'
         raise refusal("control.kind", text) from error
@@ -145,27 +136,23 @@ def build_lqg(plan: AssembledScenario) -> Lqg:
     )
 
 
-class _Gain(NamedTuple):
-    """Gain of the least quadratic cost."""
+def _gains(
+    design: ControlDesignModel, integral_time: float, period: float, looks: Int[np.ndarray, " look"]
+) -> tuple[Matrix, Float[np.ndarray, "u look aim"], Matrix]:
+    """Return the best gains by state and by aims, and the second derivative of the cost by a move.
 
-    by_state: Matrix
-    by_aim: Float[np.ndarray, "u look aim"]
-    curved: Matrix
-    """Second derivative of the cost by the next move."""
-
-    @staticmethod
-    def of(design: ControlDesignModel, integral_time: float, period: float, looks: Ticks) -> _Gain:
-        """Solve for it, with aims that are given at ``looks`` and interpolated in between."""
-        regulator = Regulator.of(design, integral_time, period)
-        A, B, _, rate, _, _ = regulator
-        later = regulator.to_come()
-        curved = rate + B.T @ later @ B
-        gain = np.linalg.solve(curved, B.T @ later @ A)
-        # readings under way have no effect on what follows
-        under_way = [design.parts.estimated] * (design.parts.move.shape[0] - design.parts.estimated)
-        ticks = max(1, int(looks[-1]))
-        by_aim = straight(looks, ticks) @ regulator.by_aim(later, ticks).swapaxes(0, 1)
-        return _Gain(np.insert(gain, under_way, 0.0, axis=1), by_aim, curved)
+    Aims are given at ``looks`` and interpolated in between.
+    """
+    regulator = Regulator.of(design, integral_time, period)
+    A, B, _, rate, _, _ = regulator
+    later = regulator.to_come()
+    curved = rate + B.T @ later @ B
+    gain = np.linalg.solve(curved, B.T @ later @ A)
+    # readings under way have no effect on what follows
+    under_way = [design.parts.estimated] * (design.parts.move.shape[0] - design.parts.estimated)
+    ticks = max(1, int(looks[-1]))
+    by_aim = straight(looks, ticks) @ regulator.by_aim(later, ticks).swapaxes(0, 1)
+    return np.insert(gain, under_way, 0.0, axis=1), by_aim, curved
 
 
 Lengths = Float[np.ndarray, " move"]

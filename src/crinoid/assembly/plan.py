@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -66,18 +66,6 @@ _ROUND_OFF = 1e-9
 """Movement of the tip over that of a channel, turns at the arm's length, below round-off."""
 _NO_RESPONSE = 1e-6
 """Response of an input to an error, over the largest such response, that counts as zero."""
-
-
-class _TipResponse(NamedTuple):
-    """Static response of the controlled coordinates to the driven inputs."""
-
-    rows: list[int]
-    """Indices of the inputs."""
-    columns: list[int]
-    """Indices of the controlled coordinates."""
-    jacobian: Float[np.ndarray, "coordinate input"]
-    scale: Float[np.ndarray, " coordinate"]
-    """Length that turns an error of a coordinate into metres."""
 
 
 @dataclass(frozen=True)
@@ -207,15 +195,15 @@ class AssembledScenario:
             # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
             mapping[rows, rows] = 1.0
             return mapping
-        answer = self._tip_response(rows, self.jacobian)
+        columns, scale = self.controlled
         weight = _values_of(names, weights, 1.0)
-        scaled = answer.scale[:, None] * answer.jacobian
+        scaled = scale[:, None] * self._tip_response(rows, columns, self.jacobian)
         scaled[np.abs(scaled) < _ROUND_OFF] = 0.0
         inverse = damped_inverse(scaled)
-        self._check_use(names, inverse * answer.scale)
+        self._check_use(names, inverse * scale)
         # the same effect on the tip by the least weighted commands: weights do not damp
         inverse = weight[:, None] * np.linalg.pinv(scaled * weight, _ROUND_OFF) @ scaled @ inverse
-        mapping[np.ix_(rows, answer.columns)] = inverse * answer.scale
+        mapping[np.ix_(rows, columns)] = inverse * scale
         return mapping
 
     def allocation(
@@ -237,14 +225,15 @@ class AssembledScenario:
         rows = self.rows(names)
         if self.jacobian is None:
             return None
-        answer = self._tip_response(rows, self.jacobian)
-        if len(rows) <= len(answer.columns):
+        columns, lengths = self.controlled
+        response = self._tip_response(rows, columns, self.jacobian)
+        if len(rows) <= len(columns):
             return None
         count, size = len(self.inputs), len(POSE[self.scenario.arm.dimension])
         jacobian, scale = np.zeros((size, count)), np.ones(size)
         weight, rate = np.zeros(count), np.zeros(count)
-        jacobian[np.ix_(answer.columns, rows)] = answer.jacobian
-        scale[answer.columns], weight[rows] = answer.scale, _values_of(names, weights, 1.0)
+        jacobian[np.ix_(columns, rows)], scale[columns] = response, lengths
+        weight[rows] = _values_of(names, weights, 1.0)
         rate[rows] = _values_of(names, release, 0.0)
         return Allocation.of(jacobian, scale, weight, rate)
 
@@ -263,8 +252,10 @@ class AssembledScenario:
             raise refusal(f"control.{self.scenario.control.kind}", text)
         return [names.index(name) for name in driven]
 
-    def _tip_response(self, rows: list[int], jacobian: Float[Array, "pose input"]) -> _TipResponse:
-        columns, scale = self.controlled
+    def _tip_response(
+        self, rows: list[int], columns: list[int], jacobian: Float[Array, "pose input"]
+    ) -> Float[np.ndarray, "coordinate input"]:
+        """Return the static response of coordinates to inputs, by their indices."""
         needed = np.asarray(jacobian)[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
             text = (
@@ -272,7 +263,7 @@ class AssembledScenario:
                 'does not follow the base. Set "identity", or give the arm a clamp or a weight.'
             )
             raise refusal("control.mapping", text)
-        return _TipResponse(rows, columns, needed, scale)
+        return needed
 
     def _check_use(self, names: list[str], inverse: Float[np.ndarray, "input coordinate"]) -> None:
         """Refuse to drive inputs that move no controlled coordinate."""

@@ -58,7 +58,8 @@ class Prepared:
         solid = [
             (each.arm, each.tool, each.base.position, each.obstacle) for each in (before, scenario)
         ]
-        names = [*_READ, *(["surfaces"] if solid[0] == solid[1] else [])]
+        names = ["digests", "recordings", "series"]
+        names += ["surfaces"] if solid[0] == solid[1] else []
         vars(other).update({name: vars(self)[name] for name in names if name in vars(self)})
         return other
 
@@ -75,12 +76,12 @@ class Prepared:
         if not measured:
             return {}
         _ = self.digests
-        from crinoid.recording import PlaybackWindow, read_recording  # xarray, slow to load
+        from crinoid.recording import read_recording  # xarray, slow to load
 
-        stage = PlaybackWindow.of(self.scenario, self.series)
+        scenario, series = self.scenario, self.series
         found = gathered(
             {
-                f"flow.{index}": lambda flow=flow: read_recording(flow, stage)
+                f"flow.{index}": lambda flow=flow: read_recording(flow, scenario, series)
                 for index, flow in measured.items()
             }
         )
@@ -189,10 +190,6 @@ class Prepared:
             from crinoid.assembly.system import check_far_clearances
 
             check_far_clearances(self.system)
-
-
-_READ = ("digests", "recordings", "series")
-"""Attributes that come from files, besides surfaces."""
 
 
 def require_one_case(scenario: Scenario) -> None:

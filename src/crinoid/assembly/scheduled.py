@@ -19,7 +19,6 @@ from crinoid.control import Mpc, RigidRotationCorrection, ScheduledMpc, commands
 from crinoid.dynamics import System, numbers_of
 from crinoid.scenario import refusal
 
-Matrix = Float[np.ndarray, "_ _"]
 Turn = Float[np.ndarray, " angle"]
 
 _SPACING = 0.35
@@ -40,7 +39,7 @@ class _LocalController(NamedTuple):
     controller: Mpc
     turned: RigidRotationCorrection
     """Part of the turn that its model lacks away from there."""
-    standing: Matrix
+    standing: Float[np.ndarray, "z s"]
     """Estimate at rest, by the actuators."""
 
 
@@ -121,16 +120,11 @@ def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
             text = f'got "scheduled", but the arm has {text}. Set "frozen".'
             raise refusal("control.mpc.model", text)
     controller, design = design_mpc(replace(plan, system=system, state=state))
-    servo = eqx.tree_at(
-        lambda each: each.position,
-        plan.state.servo,
-        plan.state.servo.position.at[_turning(plan)].add(array(turn)),
-    )
+    servo, observer = plan.state.servo, controller.observer
+    servo = replace(servo, position=servo.position.at[_turning(plan)].add(array(turn)))
     shifted = numbers_of((servo, *plan.state.actuators))[0]
-    at_rest = array(np.asarray(shifted)[list(controller.observer.kept)])
-    controller = eqx.tree_at(
-        lambda each: (each.observer.at_rest, each.observer.outputs), controller, (at_rest, None)
-    )
+    at_rest = array(np.asarray(shifted)[list(observer.kept)])
+    controller = replace(controller, observer=replace(observer, at_rest=at_rest, outputs=None))
     parts = design.parts
     # water and offset of the tip do not answer to actuators
     moving = np.r_[np.arange(parts.arm), np.arange(parts.estimated, parts.move.shape[0])]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
 from itertools import chain
 
 import equinox as eqx
@@ -162,17 +161,6 @@ def check_steady(flow: Flow, place: str, scenario: Scenario) -> None:
     changes = np.any(np.abs(velocity - velocity[:1]) > least)
     text = "got True for a velocity that changes in time; must be False"
     require(not (flow.steady and changes), f"{part_name(flow, place)} steady", text)
-
-
-def sampled(
-    system: System, scenario: Scenario, known: Container[int]
-) -> dict[int, Float[np.ndarray, "s d"]]:
-    """Return velocities near the arm of the flows that are not known, by index (m/s)."""
-    return {
-        index: np.concatenate(sampled_velocities(flow, scenario))
-        for index, flow in enumerate(system.forces.water.flows)
-        if index not in known
-    }
 
 
 @eqx.filter_jit

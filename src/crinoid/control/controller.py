@@ -9,9 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.control.estimate import Estimate
-from crinoid.control.target import Target
+from crinoid.control.target import Pose, Target
 
-Pose = Float[Array, " pose"]
 Command = Float[Array, " input"]
 
 

@@ -1,7 +1,5 @@
 """Swing-up and balance of an arm that is too heavy to stand."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -18,17 +16,6 @@ _ROOM = 0.98
 """Share of its travel that the base uses to swing the arm up."""
 
 
-class Swing(NamedTuple):
-    """State of a swinging arm."""
-
-    energy: Number
-    """Above that of the arm at rest upright (J)."""
-    momentum: Number
-    """Forward (kg m/s)."""
-    ahead: Number
-    """Forward distance of its centre of mass from the root (m)."""
-
-
 class Pendulum(eqx.Module):
     """Planar arm as a chain of straight edges, with directions from inclinations."""
 
@@ -43,10 +30,12 @@ class Pendulum(eqx.Module):
     stiffness: Float[Array, " edge"]
     """Bending stiffness of the joint that begins each edge (N m)."""
 
-    def swing(self, off: Stations, rate: Stations, speed: Number) -> Swing:
-        """Return how the arm swings on a base that moves forward at a speed (m/s).
+    def swing(self, off: Stations, rate: Stations, speed: Number) -> tuple[Number, Number, Number]:
+        """Return energy (J), forward momentum (kg m/s), and lead of the centre of mass (m).
 
-        ``off`` is how far the inclinations are from upright (rad), ``rate`` their rates (rad/s).
+        Energy counts from the arm at rest upright, the lead from the root. ``off`` is
+        how far the inclinations are from upright (rad), ``rate`` their rates (rad/s), ``speed``
+        that of the base (m/s).
         """
         leans, turning = product(self.sampled, jnp.stack([off, rate], axis=1)).T
         along = jnp.stack([-jnp.sin(leans), jnp.cos(leans)])
@@ -59,11 +48,8 @@ class Pendulum(eqx.Module):
         stored = 0.5 * jnp.sum(self.stiffness * bent**2)
         kinetic = 0.5 * jnp.sum(self.mass * (forward**2 + upward**2))
         lifted = jnp.sum(self.weight * (height - jnp.cumsum(self.length)))
-        return Swing(
-            kinetic + stored + lifted,
-            jnp.sum(self.mass * forward),
-            jnp.sum(self.mass * ahead) / jnp.sum(self.mass),
-        )
+        centre = jnp.sum(self.mass * ahead) / jnp.sum(self.mass)
+        return kinetic + stored + lifted, jnp.sum(self.mass * forward), centre
 
 
 class Filter(eqx.Module):
@@ -205,11 +191,11 @@ class Hybrid(Controller):
         met = jnp.stack([jnp.max(jnp.abs(_short_way(off))), self.balance.effort(state)])
         balances = jnp.all(met < jnp.where(memory.balances, self.release, self.catch))
 
-        swing = self.pendulum.swing(off, rate, speed)
+        energy, forward, ahead = self.pendulum.swing(off, rate, speed)
         share = self.period / (self.period + self.momentum_time)
-        momentum = memory.momentum + share * (swing.momentum - memory.momentum)
-        lacking = jnp.clip(-swing.energy / self.energy, -1.0, 1.0)
-        swung = lacking * jnp.tanh(momentum / self.momentum + swing.ahead / self.reach)
+        momentum = memory.momentum + share * (forward - memory.momentum)
+        lacking = jnp.clip(-energy / self.energy, -1.0, 1.0)
+        swung = lacking * jnp.tanh(momentum / self.momentum + ahead / self.reach)
         low, high = seen.lower[self.channel], seen.upper[self.channel]
         driven = jnp.where(
             balances,

@@ -144,6 +144,15 @@ class ModelBased(Controller):
     def estimate(self, memory: Any) -> Estimate | None:
         return self.observer.output(memory.observed)
 
+    def wanted_commands(self, seen: ControllerInput) -> Float[Array, "look driven"]:
+        """Return the commands at which the tip would stand still where it is wanted at each look.
+
+        By the linear model.
+        """
+        wanted = jax.vmap(seen.target.in_frame)(seen.time + self.lead)
+        tip = self.observer.values[: seen.reference.size]
+        return jax.vmap(lambda pose: product(self.mapping, pose_error(pose, tip)))(wanted)
+
 
 class Lqg(ModelBased):
     """Linear quadratic Gaussian control with integral action, within the limits of the inputs.
@@ -179,7 +188,7 @@ class Lqg(ModelBased):
         rows = jnp.asarray(self.rows, int)
         observed, before = self.observer.update(memory.observed, seen), seen.command[rows]
         full = jnp.concatenate([observed.estimate, observed.actuators, before, memory.integral])
-        aims = wanted_commands(seen, self.mapping, self.observer.values, self.lead)
+        aims = self.wanted_commands(seen)
         moves = jnp.sum(self.by_aim * aims, axis=(2, 3)) - jnp.sum(self.gains * full, axis=2)
         lower, upper = seen.lower[rows], seen.upper[rows]
         moving = self.period * memory.rate
@@ -193,22 +202,6 @@ class Lqg(ModelBased):
         integral = memory.integral + jnp.where(jnp.any(can), self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
         return command, LqgMemory(observed, integral, (held - before) / self.period)
-
-
-def wanted_commands(
-    seen: ControllerInput,
-    mapping: Float[Array, "driven pose"],
-    start: Float[Array, " y"],
-    lead: Float[Array, " look"],
-) -> Float[Array, "look driven"]:
-    """Return the commands at which the tip would stand still where it is wanted ``lead`` ahead.
-
-    By the linear model: ``mapping`` gives them for a displacement of the tip, whose pose comes
-    first in ``start``.
-    """
-    wanted = jax.vmap(seen.target.in_frame)(seen.time + lead)
-    tip = start[: seen.reference.size]
-    return jax.vmap(lambda pose: product(mapping, pose_error(pose, tip)))(wanted)
 
 
 def nearest(

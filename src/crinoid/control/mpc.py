@@ -8,11 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base
-from crinoid.control.controller import Command, Controller, ControllerInput
+from crinoid.control.controller import Channels, Command, Controller, ControllerInput
 from crinoid.control.forecast import Forecast
-from crinoid.control.lqg import ModelBased, ObserverState, wanted_commands
+from crinoid.control.lqg import ModelBased, ObserverState
 from crinoid.control.qp import HorizonQp
-from crinoid.control.target import pose_error
+from crinoid.control.target import Pose, pose_error
 from crinoid.numerics.small_matrices import product
 
 Driven = Float[Array, " driven"]
@@ -75,8 +75,7 @@ class Mpc(ModelBased):
 
     def command(self, memory: MpcMemory, seen: ControllerInput) -> tuple[Command, MpcMemory]:
         rows = jnp.asarray(self.rows, int)
-        aims = wanted_commands(seen, self.mapping, self.observer.values, self.lead)
-        planned = self.plan(memory, seen, aims)
+        planned = self.plan(memory, seen, self.wanted_commands(seen))
         found = self.qp.solve(
             planned.gradient,
             lower=seen.lower[rows],
@@ -118,10 +117,6 @@ class Mpc(ModelBased):
         integral = memory.integral + jnp.where(free, self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
         return command, MpcMemory(planned.observed, integral, held - last, planned.passed)
-
-
-Channels = Float[Array, " channel"]
-Pose = Float[Array, " pose"]
 
 
 class RigidRotationCorrection(eqx.Module):

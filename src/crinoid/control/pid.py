@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from crinoid.control.controller import Command, Controller, ControllerInput, Pose
-from crinoid.control.target import pose_error
+from crinoid.control.controller import Command, Controller, ControllerInput
+from crinoid.control.target import Pose, pose_error
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import product, solve
 

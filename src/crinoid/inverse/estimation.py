@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.assembly.arrays import array
 from crinoid.assembly.control_design import inputs_of, observer_model
-from crinoid.assembly.observer import AugmentedModel, ReadingNoise, ReadingSchedule
+from crinoid.assembly.observer import AugmentedModel, ReadingSchedule, reading_noise
 from crinoid.assembly.observer_outputs import observer_outputs
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.assembly.prepared import Prepared, require_one_case
@@ -92,13 +92,13 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     if not schedule.fresh.any():
         raise refusal("RECORD", "got readings that arrive after its end", "last longer")
     model, parts = observer_model(plan, inputs, schedule)
-    noise = ReadingNoise.of(plan, model, parts)
-    pairs = zip(arrivals, noise.sizes, strict=True)
-    measured = np.hstack([each.values(size) for each, size in pairs])
+    variance, values = reading_noise(plan, model, parts)
+    pairs = zip(arrivals, plan.sensors, strict=True)
+    measured = np.hstack([each.values(sensor.noise.shape[0]) for each, sensor in pairs])
     numbers = actuator_motion(plan, record, time)[:, list(model.kept)] - model.at_rest
-    changes = _less_values(plan, measured, arrivals[0].taken, noise)
+    changes = _less_values(plan, measured, arrivals[0].taken, values)
     outputs = observer_outputs(plan, model, parts.outputs, np.zeros_like(parts.move))
-    filtered = _filtered(parts, noise.variance, outputs, numbers, changes)
+    filtered = _filtered(parts, variance, outputs, numbers, changes)
     found = _outputs(plan, outputs, filtered, numbers, time)
     data = estimate_dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
     notes = [*prepared.notes(), *record.notes, *_notes_on_inputs(plan, record, inputs)]
@@ -186,17 +186,17 @@ class _Arrival(NamedTuple):
 
 
 def _less_values(
-    plan: AssembledScenario, measured: Values, taken: Ticks, noise: ReadingNoise
+    plan: AssembledScenario, measured: Values, taken: Ticks, values: Float[np.ndarray, " y"]
 ) -> Values:
     """Return readings less those where the model is linear about, in the frame of the target."""
-    target, size = plan.target, noise.sizes[0]
-    begin = array(noise.values[:size])
+    target, size = plan.target, plan.sensors[0].noise.shape[0]
+    begin = array(values[:size])
 
     def change(pose: Array, time: Array) -> Array:
         return pose_error(target.to_frame(pose, time), begin)
 
     tip = jax.jit(jax.vmap(change))(array(measured[:, :size]), array(taken))
-    return np.hstack([np.asarray(tip), measured[:, size:] - noise.values[size:]])
+    return np.hstack([np.asarray(tip), measured[:, size:] - values[size:]])
 
 
 def _filtered(

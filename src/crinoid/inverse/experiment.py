@@ -78,10 +78,6 @@ class Experiment:
         else:
             self._check_shares(parameters)
 
-    def with_values(self, logs: Vector) -> Scenario:
-        """Return the scenario for the logarithms of the parameters, over their initial values."""
-        return self.scenario.with_values(self.unknowns.values(logs))
-
     def motion(self, logs: Vector) -> ArmMotion | None:
         """Run with other parameters; None if they are outside of the scenario's ranges."""
         try:
@@ -183,7 +179,7 @@ class Experiment:
         """Return the arrays of the arm, and their derivatives by the parameters' logarithms."""
 
         def numbers(logs: Vector) -> Numbers:
-            scenario = self.with_values(logs)
+            scenario = self.scenario.with_values(self.unknowns.values(logs))
             weights = MarkerWeights.of(self.record.markers, scenario)
             return Prepared(scenario).parameters, weights
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crinoid.results.metrics import Measure, measures_of
-from crinoid.scenario import Mistake, Scenario, ScenarioError, got, refusal
+from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.document import value_of
 
 _LIMIT = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
@@ -66,7 +66,7 @@ class Goal:
         for option, name in (("--for", measure), *(("--keep", x.measure) for x in self.limits)):
             if name not in known:
                 near = ", ".join(get_close_matches(name, known, 3) or known)
-                raise ScenarioError([Mistake(option, got(name, f"be a measure, such as {near}"))])
+                raise refusal(option, got(name, f"be a measure, such as {near}"))
         self.of_run = (measure, *(limit.measure for limit in self.limits))
         """The measures of a run, in contrast to the margin."""
         runs = [known[name] for name in self.of_run]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from crinoid.foundation.axes import AXES
@@ -38,7 +38,6 @@ _ALIKE = 1e-6
 _NORMAL = 1.959964
 """Half of the 95 % interval of a normal law, over its standard deviation."""
 
-Matrix = Float[np.ndarray, "parameter parameter"]
 Runs = list[RecordComparison]
 
 
@@ -215,7 +214,7 @@ class Identification:
         pairs = zip(self.weights, self.found.runs, strict=True)
         return np.concatenate([each.correlation(run) for each, run in pairs], axis=1)
 
-    def covariance(self) -> Matrix:
+    def covariance(self) -> Float[np.ndarray, "parameter parameter"]:
         """Return the covariance of the logarithms of the parameters; infinite if it is singular."""
         assert self.found is not None
         count = len(self.unknowns.keys)
@@ -309,11 +308,8 @@ class Identification:
 
 def _table(parts: list[np.ndarray]) -> Float[np.ndarray, "time quantity"]:
     """Return a row for each row of all records, not a number in the columns of the others."""
-    ends = [list(pairwise(accumulate((p.shape[k] for p in parts), initial=0))) for k in (0, 1)]
-    table = np.full((ends[0][-1][1], ends[1][-1][1]), np.nan)
-    for part, rows, columns in zip(parts, *ends, strict=True):
-        table[slice(*rows), slice(*columns)] = part
-    return table
+    there = block_diag(*map(np.ones_like, parts))
+    return np.where(there, block_diag(*parts), np.nan)
 
 
 def marker_errors(data: xr.Dataset, name: str = "computed") -> dict[str, float]:

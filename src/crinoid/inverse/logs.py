@@ -38,16 +38,6 @@ class Commands(NamedTuple):
     values: Float[np.ndarray, "row input"]
     """Commands of all inputs, each in its unit (m, rad, 1)."""
 
-    @staticmethod
-    def of(parts: Sequence[Series], at: Sequence[int], inputs: int) -> Commands | None:
-        """Return those in series of the inputs ``at`` these places; the others are at rest."""
-        if not parts:
-            return None
-        times, first = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
-        values = np.zeros((times.size, inputs))
-        values[:, at] = np.concatenate([part.values for part in parts])[first]
-        return Commands(times, values)
-
 
 def commands_of(result: Result, inputs: Sequence[Input]) -> Commands | None:
     """Return the commands in a result, each from its time step on; None without control."""
@@ -109,10 +99,15 @@ class LogTable:
         return read_series(self.file, TIME, [*columns], 0.0, only, gaps=gaps)
 
     def commands(self, labels: Sequence[str | None]) -> tuple[Commands | None, list[Series]]:
-        """Return the commands in the rows of some markers, and their series."""
-        parts = [self.series(self.played, label) for label in labels] if self.played else []
+        """Return the commands in the rows of some markers, and their series; others rest."""
+        if not self.played:
+            return None, []
+        parts = [self.series(self.played, label) for label in labels]
+        times, first = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
+        values = np.zeros((times.size, len(self._inputs)))
         at = [self._inputs.index(column) for column in self.played]
-        return Commands.of(parts, at, len(self._inputs)), parts
+        values[:, at] = np.concatenate([part.values for part in parts])[first]
+        return Commands(times, values), parts
 
     def not_read(self, known: Container[str]) -> list[str]:
         """Return a note on the columns that are not ``known``, if there are any."""

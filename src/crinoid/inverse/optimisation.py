@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -22,7 +22,6 @@ from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
 from crinoid.inverse.stability import StabilityMargin
 from crinoid.inverse.trial_runs import TrialRuns
-from crinoid.inverse.workers import results
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError, refusal
 
@@ -40,6 +39,8 @@ _ZERO = 1e-10
 """Measure (SI units) that is round-off."""
 _POPULATION = 16
 """Number of points of a generation in a search without gradients."""
+_POLL = 0.1
+"""Time between two checks of the threads of a search (s)."""
 _FINALISTS = 6
 """Largest number of best trials that are run again with rounded numbers."""
 
@@ -194,9 +195,7 @@ class Optimisation:
             if self._stop():  # the derivatives need long to compile
                 raise StoppedError
             values, gradient = loop.measures(start, self.goal.of_run)
-        except StructureError as error:
-            return str(error)
-        except (ScenarioError, RuntimeError) as error:
+        except (StructureError, ScenarioError, RuntimeError) as error:
             return " ".join(str(error).split())
         if not np.isfinite(runs).all():
             return f"runs about the first start fail: {self.runs.failure}"
@@ -214,25 +213,30 @@ class Optimisation:
         """Improve all starts, then the best point so far with the trials that are left."""
 
         def descend(number: int, start: Point, trials: int) -> bool:
-            def keep(point: Point, found: Found) -> None:
-                self._keep(Trial(point, number, found))
-
-            return self._search.descend(start, trials, keep)
+            return self._search.descend(
+                start, trials, lambda point, found: self._keep(Trial(point, number, found))
+            )
 
         first, more = self.shares
         with ThreadPoolExecutor(len(self.starts)) as pool:
             try:
-                starts = enumerate(self.starts)
-                jobs = [pool.submit(descend, *each, first) for each in starts]
-                used_all = results(jobs, self._poll)
-                self.ended_early = any(used_all)
+                self._await([pool.submit(descend, *each, first) for each in enumerate(self.starts)])
                 self.runs.failure = self.runs.failure or self._search.failure
                 if self.best is not None and more > 0:
-                    last = pool.submit(descend, self.best.start, self.best.point, more)
-                    (self.ended_early,) = results([last], self._poll)
+                    self._await([pool.submit(descend, self.best.start, self.best.point, more)])
             except BaseException:
                 self._stopped.set()
                 raise
+
+    def _await(self, jobs: Sequence[Future[bool]]) -> None:
+        """Wait for descents, polling meanwhile, and keep whether one had no trials left."""
+        waiting = set(jobs)
+        while waiting:
+            done, waiting = wait(waiting, _POLL, FIRST_EXCEPTION)
+            self._poll()
+            for job in done:
+                job.result()  # raises its error
+        self.ended_early = any(job.result() for job in jobs)
 
     def _without_gradients(self) -> None:
         keys, generation = len(self.ranges.keys), 0
@@ -245,9 +249,8 @@ class Optimisation:
             generation += 1
             return self.goal.rank(found)
 
-        start = self.ranges.start
         cloud = qmc.Sobol(keys, rng=self.scenario.seed).random(_POPULATION)
-        cloud[0] = start
+        cloud[0] = self.ranges.start
         differential_evolution(
             rank,
             [(0.0, 1.0)] * keys,

@@ -35,6 +35,7 @@ class Ranges:
         pairs = [_read(text) for text in over]
         self.spans = dict(pairs)
         """Range of each key."""
+        self.keys = tuple(self.spans)
         if len(self.spans) < len(pairs):
             raise refusal("--over", "got a key twice; must name each once")
         given, mistakes = given_numbers(scenario, list(self.spans))
@@ -46,11 +47,6 @@ class Ranges:
         for key, span in self.spans.items():
             for end in (span.first, span.last):
                 scenario.with_values({key: float(end)})
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The keys."""
-        return tuple(self.spans)
 
     @property
     def start(self) -> Point:

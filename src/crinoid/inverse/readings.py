@@ -28,9 +28,6 @@ from crinoid.results.result import Result
 from crinoid.scenario import Scenario, refusal
 from crinoid.scenario.sensor import Sampling
 
-_STATE = "state"
-"""Ending of the columns with measured states of actuators."""
-
 
 class Readings(NamedTuple):
     """Readings of a sensor, each with at least one value."""
@@ -106,7 +103,7 @@ def _of_table(
     labels = set(log.labels or ())
     if log.labels is not None and TIP not in labels:
         raise refusal(MARKER, f"marker has {listed(sorted(labels))}", f"have rows of {TIP}")
-    followed = {each.name: column_of(f"{each.name}.{_STATE}", each.unit) for each in inputs}
+    followed = {each.name: column_of(f"{each.name}.state", each.unit) for each in inputs}
     followed = {name: column for name, column in followed.items() if column.name in log.names}
     notes = log.not_read([column.name for column in followed.values()])
     if others := sorted(labels - {TIP}):

@@ -29,7 +29,6 @@ COST = "control_cost"
 """The measure that tuning minimises."""
 MARGINS = {"modulus": "1", "gain": "1", "phase": "rad", "delay": "s"}
 """Margins of a loop (`crinoid.simulation.loop_margin.Margin`), and their units."""
-GAINS = ("kp", "ki", "kd")
 HELD_OUT = ("before", "after", "uncontrolled")
 """Controllers that held-out draws compare."""
 
@@ -115,7 +114,7 @@ def tunable_numbers(scenario: Scenario) -> dict[str, float]:
         found = {
             f"control.pid.{name}.{gain}": float(value)
             for name in scenario.driven
-            for gain in GAINS
+            for gain in ("kp", "ki", "kd")
             if (value := getattr(control.gains[name], gain))
         }
         if not found:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Mistake, Scenario, ScenarioError, got
 from crinoid.scenario.document import value_at
-from crinoid.scenario.errors import got
 
 Vector = Float[np.ndarray, " parameter"]
 
@@ -30,8 +29,7 @@ def given_numbers(
             mistakes.append(Mistake(key, text))
         elif value is None:
             scenario.with_values({key: 1.0})  # raises if the key does not exist
-            text = f"has no initial value. Set one: --set {key}=NUMBER"
-            mistakes.append(Mistake(key, text))
+            mistakes.append(Mistake(key, f"has no initial value. Set one: --set {key}=NUMBER"))
         elif isinstance(value, list):
             hint = f"Name one of them, such as {key}.0{instead.format(key) or '.'}"
             mistakes.append(Mistake(key, got(value, "be a single number", hint)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -110,13 +110,6 @@ Features = Float[Array, "arm step feature"]
 Steps = Float[Array, "arm step"]
 
 
-class TrainableWeights(NamedTuple):
-    """Weights of a policy that training changes."""
-
-    linear: Array
-    layers: Any
-
-
 class Learner(eqx.Module):
     """A policy and its critic, with the states of their optimisers."""
 
@@ -129,10 +122,10 @@ class Learner(eqx.Module):
     rate_factor: Float[Array, ""]
     """Factor on the learning rate of the policy."""
 
-    @property
-    def weights(self) -> TrainableWeights:
-        """Weights of the policy that training changes."""
-        return TrainableWeights(self.policy.linear, self.policy.layers)
+
+def _weights(policy: Policy) -> tuple[Any, Any]:
+    """Return the weights of a policy that training changes."""
+    return policy.linear, policy.layers
 
 
 class Optimisers(eqx.Module):
@@ -155,15 +148,13 @@ class Optimisers(eqx.Module):
 def new_learner(policy: Policy, optimisers: Optimisers, random: np.random.Generator) -> Learner:
     """Return a learner that starts with a policy."""
     critic = new_critic(policy.usual.size, random)
-    states = _initial_states(optimisers, TrainableWeights(policy.linear, policy.layers), critic)
+    states = _initial_states(optimisers, policy, critic)
     return Learner(policy, critic, critic, *states, jnp.asarray(1.0))
 
 
 @compiled(**ONCE)
-def _initial_states(
-    optimisers: Optimisers, weights: TrainableWeights, critic: Critic
-) -> tuple[Any, Any]:
-    return optimisers.policy.init(weights), optimisers.critic.init(critic)
+def _initial_states(optimisers: Optimisers, policy: Policy, critic: Critic) -> tuple[Any, Any]:
+    return optimisers.policy.init(_weights(policy)), optimisers.critic.init(critic)
 
 
 def lambda_returns(cost: Steps, expected: Steps, discount: Float[Array, ""]) -> Steps:
@@ -183,15 +174,11 @@ def lambda_returns(cost: Steps, expected: Steps, discount: Float[Array, ""]) -> 
     return jnp.concatenate([found.T, last[:, None]], axis=1)
 
 
-class PolicyGradient(eqx.Module):
-    """Result of a segment, and the gradient of its cost by the weights of the policy."""
-
-    result: SegmentResult
-    gradient: Policy
-
-
 @compiled(**OFTEN)
-def _gradient(shared: tuple[RolloutSegment, Policy, Critic], arm: EpisodeState) -> PolicyGradient:
+def _gradient(
+    shared: tuple[RolloutSegment, Policy, Critic], arm: EpisodeState
+) -> tuple[SegmentResult, Policy]:
+    """Return the result of a segment, and the gradient of its cost by the policy."""
     segment, policy, critic = shared
     weight = (1 - segment.discount) * segment.discount ** jnp.arange(segment.steps - 1)
 
@@ -203,7 +190,7 @@ def _gradient(shared: tuple[RolloutSegment, Policy, Critic], arm: EpisodeState) 
         return jnp.sum(weight * found.cost[:-1]) + later, result
 
     (_, result), gradient = jax.value_and_grad(value, has_aux=True)(policy)
-    return PolicyGradient(result, gradient)
+    return result, gradient
 
 
 @compiled(**OFTEN)
@@ -216,7 +203,7 @@ def _update(
     cost: Steps,
     finite: Bool[Array, " arm"],
 ) -> Learner:
-    size = jnp.sqrt(sum(jax.vmap(lambda x: jnp.sum(x**2))(x) for x in jax.tree.leaves(gradients)))
+    size = jax.vmap(optax.global_norm)(gradients)
     median = jnp.nanmedian(jnp.where(finite, size, jnp.nan))
     ratio = jnp.minimum(1.0, _LARGEST_RATIO * median / jnp.maximum(size, median))
     share = jnp.where(finite, ratio, 0.0)
@@ -228,11 +215,10 @@ def _update(
         return jnp.tensordot(share, chosen, axes=1)
 
     by = jax.tree.map(mean, gradients)
-    moves, state = optimisers.policy.update(
-        TrainableWeights(by.linear, by.layers), learner.policy_optimiser
-    )
-    weights = jax.tree.map(lambda at, move: at + learner.rate_factor * move, learner.weights, moves)
-    policy = replace(learner.policy, linear=weights.linear, layers=weights.layers)
+    moves, state = optimisers.policy.update(_weights(by), learner.policy_optimiser)
+    before, rate = _weights(learner.policy), learner.rate_factor
+    weights = jax.tree.map(lambda at, move: at + rate * move, before, moves)
+    policy = eqx.tree_at(_weights, learner.policy, weights)
     after = replace(learner, policy=policy, policy_optimiser=state)
     # nothing is learned from an arm that failed
     features = jnp.where(finite[:, None, None], features, 0.0)
@@ -252,11 +238,7 @@ def _critic_step(
     for _ in range(_CRITIC_STEPS):
         moves, state = optimisers.critic.update(jax.grad(loss)(critic), state)
         critic = jax.tree.map(jnp.add, critic, moves)
-    target = jax.tree.map(
-        lambda new, old: _TARGET_SHARE * new + (1 - _TARGET_SHARE) * old,
-        critic,
-        learner.target_critic,
-    )
+    target = optax.incremental_update(critic, learner.target_critic, _TARGET_SHARE)
     return replace(learner, critic=critic, target_critic=target, critic_optimiser=state)
 
 
@@ -270,8 +252,8 @@ def gradient_update(
     """Run all arms for a segment, and return the improved learner with the results."""
     shared = segment, learner.policy, learner.target_critic
     found = learners.run(_gradient, shared, arms)
-    gradients = jax.tree.map(lambda *same: jnp.stack(same), *[each.gradient for each in found])
-    results = [each.result for each in found]
+    results = [result for result, _ in found]
+    gradients = jax.tree.map(lambda *same: jnp.stack(same), *[slope for _, slope in found])
     features = jnp.stack([each.memory for each in results])
     cost = jnp.stack([each.cost for each in results])
     finite = np.isfinite(np.asarray(cost)).all(axis=1)

@@ -127,21 +127,17 @@ def run_segment(
     return SegmentResult(run.end, cost, distance, memory)
 
 
-class Evaluation(eqx.Module):
-    """Result of a policy in a whole episode."""
-
-    cost: Float[Array, ""]
-    """Mean cost of a time step."""
-    error: Float[Array, ""]
-    """Mean square of the distance of the tip from its target (m2)."""
-
-
 @compiled(**OFTEN)
-def evaluate(shared: tuple[RolloutSegment, Policy], arm: tuple[Loop, LoopState]) -> Evaluation:
-    """Run a policy through an episode."""
+def evaluate(
+    shared: tuple[RolloutSegment, Policy], arm: tuple[Loop, LoopState]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Return the mean cost of a time step of a policy, and its mean square error of the tip (m2).
+
+    The segment is a whole episode.
+    """
     segment, policy = shared
     found = run_segment(segment, Neural(segment.observation, policy), *arm)
-    return Evaluation(jnp.mean(found.cost), jnp.mean(found.distance**2))
+    return jnp.mean(found.cost), jnp.mean(found.distance**2)
 
 
 class EpisodeState(NamedTuple):

@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from crinoid.scenario import Scenario, refusal
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario, got, refusal
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from crinoid.learning.imitation import imitate
 from crinoid.learning.rollout import EpisodePool, Learners, RolloutSegment, StageCost, evaluate
 from crinoid.learning.settings import TrainingSettings
 from crinoid.results.dataset import describe
-from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
+from crinoid.scenario import Scenario, refusal, shown
 from crinoid.simulation import closed_loop
 
 EVALUATION_INTERVAL = 25
@@ -152,8 +152,8 @@ class Training:
         """Return the cost of a policy in the held-out episodes, and its RMS error (m)."""
         segment = replace(self._segment, steps=self.scenario.simulation.steps)
         found = self._learners.run(evaluate, (segment, policy), self._held_out)
-        cost = np.mean([float(each.cost) for each in found])
-        return float(cost), float(np.sqrt(np.mean([float(each.error) for each in found])))
+        cost, error = np.mean(np.array(found, float), axis=0)
+        return float(cost), float(np.sqrt(error))
 
     def _evaluate(self) -> None:
         self.rows.append((self.updates, *self._mean(self.learner.policy)))
@@ -217,7 +217,7 @@ class Training:
                 self._set(dict(file))
         except Exception as error:  # numpy and zipfile raise many exceptions on damage
             text = f"cannot be resumed ({error!r}). Omit --resume to start a new training."
-            raise ScenarioError([Mistake(str(path), text)]) from error
+            raise refusal(str(path), text) from error
 
     def check_same(self, path: Path, remedy: str) -> None:
         """Refuse the checkpoint of another training, naming the difference."""
@@ -231,7 +231,7 @@ class Training:
             else:
                 text = f"is of another training: got {key} {shown(given)}; must be {shown(saved)}."
                 text += " Use the same settings, or"
-            raise ScenarioError([Mistake(str(path), f"{text} {remedy}.")])
+            raise refusal(str(path), f"{text} {remedy}.")
 
     def _set(self, saved: dict[str, np.ndarray]) -> None:
         self.learner = _restore(self.learner, saved, "learner")

@@ -7,7 +7,6 @@ Nothing here knows how they are evaluated; a file that does not fit is a `Scenar
 
 from crinoid.recording.proposal import propose as propose
 from crinoid.recording.readers import read_dataset as read_dataset
-from crinoid.recording.recording import PlaybackWindow as PlaybackWindow
 from crinoid.recording.recording import Recording as Recording
 from crinoid.recording.recording import read_recording as read_recording
 from crinoid.recording.series import Series as Series

@@ -79,8 +79,7 @@ def as_numbers(clock: xr.DataArray, key: str = "time") -> xr.DataArray:
     dates = clock.values if clock.dtype.kind == "M" else labels_of(clock)
     instants = pd.to_datetime(dates, format="ISO8601", errors="coerce", utc=True)
     if instants.isna().any():
-        text = f"{clock.name} has an entry without a date"
-        raise refusal(key, text, "contain a date in each")
+        raise refusal(key, f"{clock.name} has an entry without a date", "contain a date in each")
     numbers = clock.copy(data=instants.as_unit("us").asi8)
     numbers.attrs = {"units": "microseconds since 1970-01-01"}
     return numbers

@@ -92,8 +92,7 @@ def values_of(variable: xr.DataArray) -> np.ndarray:
     try:
         return np.asarray(variable.values)
     except Exception as error:  # libraries raise anything on a damaged file
-        text = f"{variable.name} cannot be read ({reason_of(error)})"
-        raise refusal("file", text) from error
+        raise refusal("file", f"{variable.name} cannot be read ({reason_of(error)})") from error
 
 
 def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:

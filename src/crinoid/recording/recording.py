@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,38 +21,11 @@ _STRETCH = 1.1
 """Factor on the length of an arm; no current stretches one so far."""
 
 
-@dataclass(frozen=True)
-class PlaybackWindow:
-    """Duration and region of a run, over which a record is played."""
-
-    duration: float
-    """Duration of the run (s)."""
-    dimension: int
-    """Number of axes in which the arm moves, 2 or 3."""
-    reach: float
-    """Greatest distance of the arm from the set position of its root (m)."""
-    heights: tuple[float, float]
-    """Lowest and highest position of the straight arm, at rest (m)."""
-    bed: float | None
-    """Height z of the bed (m), if it is known."""
-
-    @staticmethod
-    def of(scenario: Scenario, series: Mapping[str, Series]) -> PlaybackWindow:
-        """Return the window of a scenario with the series from its files, by key of their table."""
-        base, depth = scenario.base, scenario.water.depth
-        root = base.position[-1]
-        tip = root + scenario.arm.length * float(np.sin(np.deg2rad(base.tilt_deg)))
-        return PlaybackWindow(
-            duration=scenario.simulation.duration,
-            dimension=scenario.arm.dimension,
-            reach=_STRETCH * scenario.arm.length + base_travel(scenario, series),
-            heights=(min(root, tip), max(root, tip)),
-            bed=None if depth is None else -depth,
-        )
-
-
 def base_travel(scenario: Scenario, series: Mapping[str, Series]) -> float:
-    """Return how far channels and prescribed motions may shift the base (m)."""
+    """Return how far channels and prescribed motions may shift the base (m).
+
+    ``series`` are those from the files of the scenario, by key of their table.
+    """
     base, dimension = scenario.base, scenario.arm.dimension
     travel = dict.fromkeys(CHANNELS[dimension], 0.0)
     for name, channel in base.channels.present.items():
@@ -96,8 +70,8 @@ class Recording:
     """Time of the record (s) at the start of the run."""
     time_scale: float
     """Time of the run over time of the record."""
-    window: PlaybackWindow
-    """The run in which it is played."""
+    delay: float
+    """Longest delay, or lead, at the arm, in the time of the run (s)."""
     notes: tuple[str, ...]
     """Assumptions, filled gaps and omitted levels, a sentence each."""
 
@@ -131,15 +105,22 @@ class Recording:
         return float(np.median(np.diff(self.time)))
 
 
-def read_recording(flow: MeasuredFlow, window: PlaybackWindow) -> Recording:
-    """Read the current of a flow, fill its gaps, and place it in the time of a run."""
-    whole = read_selection(flow, window.bed)
+def read_recording(
+    flow: MeasuredFlow, scenario: Scenario, series: Mapping[str, Series]
+) -> Recording:
+    """Read the current of a flow, fill its gaps, and place it in the time of a run.
+
+    ``series`` are as in `base_travel`.
+    """
+    planar, depth = scenario.arm.dimension == 2, scenario.water.depth
+    whole = read_selection(flow, None if depth is None else -depth)
     notes, levels, velocity = whole.remarks, whole.levels, flow.velocity_scale * whole.velocity
     filled = np.asarray(whole.filled)
     if levels is not None:
         order = np.argsort(levels)
         levels, velocity, filled = levels[order], velocity[:, order], filled[:, order]
-        low, high = window.heights
+        root, tilt = scenario.base.position[-1], math.radians(scenario.base.tilt_deg)
+        low, high = sorted((root, root + scenario.arm.length * math.sin(tilt)))
         if not (levels[0] <= low and high <= levels[-1]):
             arm = f"{low:.4g}" if high - low < 1e-9 else f"{low:.4g} to {high:.4g}"
             notes.append(
@@ -154,8 +135,8 @@ def read_recording(flow: MeasuredFlow, window: PlaybackWindow) -> Recording:
     if flow.skip >= whole.time[-1]:
         must = f"be below {whole.time[-1]:.6g} (s), the duration of the record"
         raise refusal("skip", got(flow.skip, must))
-    axes = [0, -1] if window.dimension == 2 else [0, 1, 2]
-    if window.dimension == 2 and velocity.shape[-1] == 3:
+    axes = [0, -1] if planar else [0, 1, 2]
+    if planar and velocity.shape[-1] == 3:
         across = float(np.sqrt(np.mean(velocity[..., 1] ** 2)))
         speed = float(np.sqrt(np.mean(np.sum(velocity**2, axis=-1))))
         if across > 0.1 * speed:
@@ -170,9 +151,11 @@ def read_recording(flow: MeasuredFlow, window: PlaybackWindow) -> Recording:
     elif not profile:
         slowness = _frozen(whole.time, velocity[:, 0], flow.skip, notes)
     velocity, slowness = velocity[..., axes], slowness[axes]
-    delay = window.reach * float(np.linalg.norm(slowness)) / flow.time_scale
-    start = max(flow.skip, delay)
-    _check_length(flow, window, whole.time[-1], start, delay)
+    reach = _STRETCH * scenario.arm.length + base_travel(scenario, series)
+    delay = reach * float(np.linalg.norm(slowness))
+    start = max(flow.skip, delay / flow.time_scale)
+    run = scenario.simulation.duration / flow.time_scale
+    _check_length(flow, run, whole.time[-1], start, delay / flow.time_scale)
     return Recording(
         name=Path(flow.file).name,
         time=whole.time,
@@ -183,7 +166,7 @@ def read_recording(flow: MeasuredFlow, window: PlaybackWindow) -> Recording:
         carried=flow.phase_speed is None and bool(np.any(slowness)),
         start=start,
         time_scale=flow.time_scale,
-        window=window,
+        delay=delay,
         notes=tuple(notes),
     )
 
@@ -232,16 +215,16 @@ def _low_pass(
 
 
 def _check_length(
-    flow: MeasuredFlow, window: PlaybackWindow, length: float, start: float, delay: float
+    flow: MeasuredFlow, run: float, length: float, start: float, delay: float
 ) -> None:
-    needed = start + window.duration / flow.time_scale + delay
+    """Refuse a record that is too short for a ``run``; all times are those of the record (s)."""
+    needed = start + run + delay
     if needed <= length * (1 + 1e-9):
         return
-    parts = [f"simulation.duration / time_scale = {window.duration / flow.time_scale:.6g} s"]
+    parts = [f"simulation.duration / time_scale = {run:.6g} s"]
     if flow.skip > 0:
         parts.append(f"skip = {flow.skip:.6g} s")
     if delay > 0:
-        drift = needed - window.duration / flow.time_scale - flow.skip
-        parts.append(f"{drift:.4g} s to drift past the arm")
+        parts.append(f"{needed - run - flow.skip:.4g} s to drift past the arm")
     text = f"{Path(flow.file).name} lasts {length:.6g} s"
     raise refusal("file", text, f"last at least {needed:.6g} s: {', '.join(parts)}")

@@ -231,8 +231,7 @@ def _whole(series: Series, duration: float) -> Series:
     """Return a series that spans a run, or refuse it."""
     first, last = series.time[[0, -1]]
     if first > 0:
-        text = f"begins at {first:.6g} s of the run"
-        raise refusal("time_column", text, "begin at 0 or earlier")
+        raise refusal("time_column", f"begins at {first:.6g} s of the run", "begin at 0 or earlier")
     if last < duration * (1 - 1e-9):
         text = f"ends at {last:.6g} s of the run"
         raise refusal("time_column", text, f"end at simulation.duration = {duration} or later")

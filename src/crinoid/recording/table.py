@@ -127,8 +127,7 @@ def _layout(name: str, head: bytes) -> tuple[dict[str, Any], dict[str, dict[str,
         trailing, fields, units = True, fields[:-1], units[:-1]
     names = [field or f"column {index + 1}" for index, field in enumerate(fields)]
     if twice := [field for field, count in Counter(names).items() if count > 1]:
-        text = f"{name} has several columns {listed(twice)}"
-        raise refusal("file", text, "have each name once")
+        raise refusal("file", f"{name} has several columns {listed(twice)}", "have each name once")
     comma = any(_DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row)
     decimal = "," if separator != "," and comma else "."
     columns = [{"units": unit} if unit else {} for unit in units]

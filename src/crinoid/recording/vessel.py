@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 _STEEP = 0.26
 """Cosine of the tilt below which pan and roll of the root are hardly defined."""
 
-Moved = Mapping[str, Float[np.ndarray, " time"]]
-
 
 def vessel_motion(
-    moved: Moved, offset: Sequence[float], angles: tuple[float, float, float]
+    moved: Mapping[str, Float[np.ndarray, " time"]],
+    offset: Sequence[float],
+    angles: tuple[float, float, float],
 ) -> Float[np.ndarray, "time channel"]:
     """Return how the channels of a base move (m, rad) that a vessel carries.
 

@@ -1,7 +1,7 @@
 """The arm: its shape at rest, material and section."""
 
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -117,11 +117,6 @@ class Fatigue(Model):
     )
 
 
-def has_branches(given: Mapping[str, Any]) -> bool:
-    """Return whether the keys of ``[arm]`` give the material Maxwell branches."""
-    return bool(given.get("relaxation")) or given.get("loss_factor") is not None
-
-
 class Arm(Model):
     """The arm at rest, a round elastic rod."""
 
@@ -140,7 +135,9 @@ class Arm(Model):
     loss_factor: LossFactor | None = entry(None, "In place of `relaxation`: a loss factor.")
     damping_time: Annotated[Seconds, Follows()] = Field(
         # branches are all of the damping, unless more is asked for
-        default_factory=lambda given: 0.0 if has_branches(given) else _DAMPING_TIME,
+        default_factory=lambda given: (
+            0.0 if given.get("relaxation") or given.get("loss_factor") else _DAMPING_TIME
+        ),
         ge=0,
         description="Kelvin-Voigt damping: viscosity over modulus; by default 0 with `relaxation` "
         "or `loss_factor`.",

@@ -98,8 +98,7 @@ def _wave_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     if names and scenario.water.gravity == 0:
         yield scenario.mistake("water.gravity", f"be above 0 (m/s2) for {names}")
     if names and scenario.base.position[-1] >= 0:
-        must = f"be below 0 (m), the still surface of {names}"
-        yield scenario.mistake(_height(scenario), must)
+        yield scenario.mistake(_height(scenario), f"be below 0 (m), the still surface of {names}")
     for name, wave in _flows_of_kind(scenario, SurfaceWaves):
         against = -wave.current(scenario)
         if against <= 0 or not scenario.water.gravity:
@@ -256,8 +255,7 @@ def _contact_conflicts(scenario: Scenario) -> Iterator[Mistake]:
                 hint = "Add another obstacle." if free else "Set the mass of a sphere or a capsule."
                 yield scenario.mistake(f"obstacle.{index}.{name}", must, hint)
     if (obstacles or scenario.contact.self_) and arm.section.diameter == 0:
-        must = "be above 0 (m), the surface of contact"
-        yield scenario.mistake("arm.section.diameter", must)
+        yield scenario.mistake("arm.section.diameter", "be above 0 (m), the surface of contact")
     if scenario.hull is not None and not scenario.contact.self_:
         must = "be left out with contact.self = false"
         yield scenario.mistake("vehicle.hull", must, "Set contact.self = true for its contact.")

@@ -8,9 +8,6 @@ from typing import Any
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.scenario.errors import mistake_text, refusal
 
-_DIGITS = 32
-"""Digits of a digest in the name of a file."""
-
 
 def as_file(value: Any) -> Any:
     """Return the path of a netCDF file with the content of an ``xarray.Dataset``.
@@ -40,7 +37,7 @@ def _stored(content: bytes) -> Path:
     from crinoid.foundation.cache_folder import cache_folder  # only here: few scenarios need it
 
     folder = cache_folder(os.environ.get("JAX_COMPILATION_CACHE_DIR")) / "records"
-    path = folder / f"{_digest(content)[:_DIGITS]}.nc"
+    path = folder / f"{_digest(content)[:32]}.nc"
     if not path.exists():
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_write(path) as temporary:

@@ -127,12 +127,10 @@ def override(document: dict[str, Any], setting: str) -> None:
     key, text = key.strip(), text.strip()
     value = value_of(text)
     if value == text and text[:1] in ("[", "{", '"', "'"):
-        reason = (
-            "Write \\\\ or / for a backslash in it."
-            if "\\" in text
-            else "Close each quote and bracket."
-        )
-        raise refusal(key, got(text, "be valid TOML", reason))
+        hint = "Close each quote and bracket."
+        if "\\" in text:
+            hint = "Write \\\\ or / for a backslash in it."
+        raise refusal(key, got(text, "be valid TOML", hint))
     assign(document, key, value)
 
 

@@ -153,8 +153,7 @@ class MeasuredFlow(FlowTable):
                 yield self.mistake("velocity", "be left out with speed", hint)
             if self.heading_deg is None:
                 hint = "90 for x toward the east."
-                must = "be the compass heading of x (deg)"
-                yield Mistake("heading_deg", missing(must, hint))
+                yield Mistake("heading_deg", missing("be the compass heading of x (deg)", hint))
         elif self.direction_is is not None:
             yield self.mistake("direction_is", "be left out without direction")
         elif all(component is None for component in self.components):
@@ -169,7 +168,7 @@ class MeasuredFlow(FlowTable):
     def build(self, scenario: Any, generator: Any, recording: Any) -> Any:  # type: ignore[override]
         """Return the `crinoid.Flow` of a recording that was read from the file."""
         played = resolve_name("crinoid.assembly.arrays:measured")
-        return played(self.onset, recording, scenario.base.position)
+        return played(self.onset, recording, scenario)
 
     @property
     def components(self) -> tuple[Component | None, ...]:

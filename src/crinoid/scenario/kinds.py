@@ -52,11 +52,10 @@ def units_of(schema: Schema) -> dict[str, str]:
 def _below(prefix: str, table: Schema, definitions: Schema) -> Iterator[tuple[str, Schema]]:
     for name, entry in table["properties"].items():
         key = join(prefix, name)
-        inner = list(_tables(entry))
         yield key, entry
-        for index, found in inner:
-            place = join(key, index)
-            yield from _below(place, definitions[found.rpartition("/")[2]], definitions)
+        for index, found in _tables(entry):
+            inner = definitions[found.rpartition("/")[2]]
+            yield from _below(join(key, index), inner, definitions)
 
 
 def _tables(entry: Schema) -> Iterator[tuple[str, str]]:

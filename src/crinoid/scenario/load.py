@@ -5,7 +5,6 @@ A new kind is one class here and one entry in `Load`; or a table of an installed
 """
 # ruff: noqa: D102  # the base class documents its methods
 
-import math
 from collections.abc import Callable, Iterator
 from pkgutil import resolve_name
 from typing import Annotated, Any, Literal
@@ -25,6 +24,7 @@ from crinoid.scenario.quantity import (
     Seconds,
     Triple,
     direction_conflicts,
+    unit_vector,
 )
 
 Direction = Annotated[
@@ -86,8 +86,7 @@ class DistributedLoad(LoadTable):
     def build(self, scenario: Any) -> tuple[Callable[..., Any], dict[str, Any]]:
         fixed, direction = (0.0,) * scenario.arm.dimension, self.direction
         if isinstance(direction, tuple):
-            length = math.sqrt(sum(each * each for each in direction))
-            fixed = tuple(each / length for each in direction)
+            fixed = unit_vector(direction)
         return resolve_name("crinoid.elements:DistributedLoad.of"), {
             "onset": self.onset,
             "tangential": self.magnitude * (direction == "tangential"),

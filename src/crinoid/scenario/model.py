@@ -102,7 +102,7 @@ def _translated(detail: Any, properties: Schema, data: dict[str, Any]) -> list[M
     if kind == "missing" and len(place) == 1:
         return [_refused(key, schema, missing)]
 
-    value, schema = data[key], properties[key]
+    value = data[key]
     if "additionalProperties" in schema and len(place) > 1:  # a table of any keys
         key, value = f"{key}.{place[1]}", value[place[1]]
         return [_refused(key, schema["additionalProperties"], partial(got, value))]

@@ -95,10 +95,9 @@ class _Long(_Round):
         return abs(y) > _STRAIGHT and math.hypot(x, z) > _STRAIGHT
 
     def _half(self, half: float) -> tuple[float, ...]:
-        x, y, z = self.axis
-        scale = half / math.hypot(x, y, z)
+        x, y, z = unit_vector(self.axis)
         seen = (x, z) if len(self.position) == 2 else (x, y, z)
-        return tuple(scale * component for component in seen)
+        return tuple(half * component for component in seen)
 
 
 Moments = Annotated[

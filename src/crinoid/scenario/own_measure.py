@@ -63,8 +63,7 @@ def own_measures(names: Iterable[str], known: Iterable[str]) -> dict[str, OwnMea
     measures = dict.fromkeys(known, "")
     for key, each in found.items():
         if each.name in measures:
-            text = got(read[key], "name a function whose name no other measure has")
-            raise refusal(key, text)
+            raise refusal(key, got(read[key], "name a function whose name no other measure has"))
         measures[each.name] = key
     return {each.name: each for each in found.values()}
 

@@ -15,16 +15,13 @@ from crinoid.assembly.neural import Observables
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.learning.environment.episode import EpisodeParameters
-from crinoid.scenario import Scenario, ScenarioError, one_of, refusal
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario, ScenarioError, got, one_of, refusal
 from crinoid.simulation.batch import on_processor
 from crinoid.simulation.conclusion import start_failure
 from crinoid.simulation.external import ExternalCommand
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.batch import structure
 
-OPTIONS = ("set", "draw")
-"""Names in the options of a reset."""
 _PROGRAM = "the compiled program"
 
 Arrays = list[jax.Array]
@@ -158,10 +155,11 @@ def _limits(scenario: Scenario) -> Any:
 
 
 def _check_options(options: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
-    given = {"set": {}, "draw": {}} | dict(options or {})
+    known: dict[str, Mapping[str, Any]] = {"set": {}, "draw": {}}
+    given = known | dict(options or {})
     for name, values in given.items():
-        if name not in OPTIONS:
-            raise refusal(f"options: {name}", f"unknown; must be {one_of(OPTIONS)}")
+        if name not in known:
+            raise refusal(f"options: {name}", f"unknown; must be {one_of(known)}")
         if not isinstance(values, Mapping):
             raise refusal(f"options: {name}", got(values, "be a dictionary of dotted keys"))
     return given

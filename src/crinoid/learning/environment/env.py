@@ -29,8 +29,7 @@ from crinoid.learning.environment.draws import (
 )
 from crinoid.learning.environment.episode import EpisodeParameters, Rules, StepOutput
 from crinoid.learning.environment.reward import RewardInput, Success, closeness
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario, got, one_of, refusal
 from crinoid.scenario.library import Source, load, scenario_of
 from crinoid.simulation.batch import on_processor
 from crinoid.simulation.conclusion import short_step_failure
@@ -86,8 +85,7 @@ class ArmEnv(NamedBoxes, gymnasium.Env[np.ndarray, np.ndarray]):
 
     def __init__(self, program: EpisodeProgram, render_mode: str | None = None) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
-            text = got(render_mode, f"be {one_of(RENDER_MODES)} or None")
-            raise ScenarioError([Mistake("render_mode", text)])
+            raise refusal("render_mode", got(render_mode, f"be {one_of(RENDER_MODES)} or None"))
         self.render_mode = render_mode
         self._program, self._sampler = program, program.sampler
         rate = self._sampler.scenario.control_rate_hz
@@ -217,8 +215,7 @@ def _rules(sampler: EpisodeSampler, reward: Reward, success: Success | None) -> 
 
     shape = jax.eval_shape(value, case).shape
     if shape:
-        text = f"got an array of shape {shape}; must return a single number"
-        raise ScenarioError([Mistake("reward", text)])
+        raise refusal("reward", f"got an array of shape {shape}; must return a single number")
     return rules
 
 

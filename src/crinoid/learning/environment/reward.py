@@ -9,8 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from crinoid.scenario import Mistake, ScenarioError
-from crinoid.scenario.errors import got
+from crinoid.scenario import Mistake, ScenarioError, got
 
 NEAR, FAR = 0.02, 1.0
 """Errors, over the arm's length, at which half of each part of the reward is lost."""

@@ -22,8 +22,7 @@ from crinoid.learning.environment.draws import Arrays, EpisodeDraw, NamedBoxes, 
 from crinoid.learning.environment.env import EpisodeProgram, Reward, task_arguments
 from crinoid.learning.environment.episode import StepOutput
 from crinoid.learning.environment.reward import Success, closeness
-from crinoid.scenario import Mistake, Scenario, ScenarioError
-from crinoid.scenario.errors import got
+from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.library import Source
 from crinoid.simulation.external import numbers
 
@@ -72,10 +71,6 @@ class ArmVectorEnv(NamedBoxes, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._slices = [slice(k * count // parts, (k + 1) * count // parts) for k in range(parts)]
         self._advance = jax.jit(advance, compiler_options=OFTEN)
         self._pool: list[EpisodeDraw] = []
-        self._cases: Arrays = []
-        self._starts: Arrays = []
-        self._parts: list[Arrays] = []
-        self._rows, self._fresh = np.arange(count) % self._draws, np.ones(count, bool)
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -195,7 +190,7 @@ def _stack(every: Sequence[Arrays]) -> Arrays:
 
 def _count(name: str, given: Any) -> int:
     if not isinstance(given, int) or isinstance(given, bool) or given < 1:
-        raise ScenarioError([Mistake(name, got(given, "be a whole number of at least 1"))])
+        raise refusal(name, got(given, "be a whole number of at least 1"))
     return given
 
 

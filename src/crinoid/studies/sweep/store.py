@@ -63,7 +63,6 @@ def _write(path: Path, data: xr.Dataset) -> None:
 
 _BATCHES = "batches"
 _STUDY = "study.nc"
-_DIGITS = 5
 _COMBINED = {"units": "year", "long_name": "fatigue life over the shares of time of all runs"}
 _SHARE = {"units": "1", "long_name": "share of time of the run"}
 
@@ -149,4 +148,4 @@ class SweepStore:
             (self.folder / name).unlink(missing_ok=True)
 
     def _path(self, number: int) -> Path:
-        return self.folder / _BATCHES / f"{number:0{_DIGITS}d}.nc"
+        return self.folder / _BATCHES / f"{number:05d}.nc"
