@@ -153,6 +153,9 @@ _FINDINGS = {
 """Findings by the names of their files, which may be in the folder of a result."""
 
 
+_PAGE_ALONE = ("spectrum", "effort")  # charts that are no figures
+
+
 class _Form(NamedTuple):
     """Format of figures, and their width for a paper (inches)."""
 
@@ -202,10 +205,9 @@ def _run(path: Path) -> Part:
     figures |= {"tip_path": draw_close_up} if changes else {}
     figures |= {"bending": draw_bending} | ({"cycles": draw_cycles} if has_cycles(run) else {})
     drawn = {name: partial(draw, run) for name, draw in figures.items()}
-    charts = [("section_loads", section_load_chart(run)), *(charts_of(run) if changes else ())]
-    for name, chart in charts:
-        if name and chart is not None:
-            drawn[name] = partial(draw_chart, chart, run.dataset, run.title)
+    for chart in (section_load_chart(run), *(charts_of(run) if changes else ())):
+        if chart is not None and chart.name not in _PAGE_ALONE:
+            drawn[chart.name] = partial(draw_chart, chart, run.dataset, run.title)
     return Part(path, run.dataset, run, drawn)
 
 

@@ -31,7 +31,6 @@ DOCUMENT = "report.pdf"
 
 _A4 = 8.27, 11.69  # inches
 _MARGIN, _FOOT = 0.75, 0.45  # inches, the foot that of the number of a page
-_HEAD: Any = {"fontsize": 14.0, "va": "top"}
 _LINE = 0.175  # inches between two lines
 _MOST_LINES = int((_A4[1] - 2 * _MARGIN - 0.9) / _LINE)  # of a page
 
@@ -49,7 +48,6 @@ CAPTIONS = {
     "energy": "Stored energies, works, and the defect of their balance.",
     "vortices": "Frequency of the shedding of vortices along the arm, and their force at the tip.",
     "contact": "Times, forces and distances of contacts.",
-    "effort": "Iterations of Newton's method in each time step.",
     "flow": "Velocity of the current over time.",
     "spectrum": "Spectral density of the current.",
     "profile": "Mean and standard deviation of the current over the height.",
@@ -65,7 +63,6 @@ CAPTIONS = {
     "optimise": "Measures of the trials over each number.",
     "tune": "Measures of the trials over each number.",
     "training": "Cost and error over the updates of the policy.",
-    "means": "Means over seeds, with intervals of 95 %.",
 }
 """Captions of figures by their names."""
 
@@ -194,7 +191,8 @@ class _Pages(NamedTuple):
         look |= {"va": "top", "parse_math": False, "fontsize": 8.0}
         for begin in range(0, len(rows), _MOST_LINES):
             page = Figure(figsize=_A4)
-            page.text(*_at(0.0, 0.0), f"{head}, continued" if begin else head, **_HEAD)
+            words = f"{head}, continued" if begin else head
+            page.text(*_at(0.0, 0.0), words, fontsize=14.0, va="top")
             shown = rows[begin : begin + _MOST_LINES]
             for index, row in enumerate([heads, *shown] if heads else shown):
                 for cell, left in zip(row, across, strict=False):

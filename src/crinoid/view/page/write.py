@@ -59,7 +59,7 @@ def page_of(run: Result) -> str:
     Texts of the user are escaped, and scripts are allowed by their digests only.
     """
     still = run.dataset.sizes["time"] == 1
-    charts = [] if still else [chart for _, chart in charts_of(run)]
+    charts = [] if still else charts_of(run)
     begin, end = _span(run)
     plots = plots_of(charts, begin, end)
     texts, left_out = _animation(run, page_scene(run), plots)

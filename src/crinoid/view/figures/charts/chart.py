@@ -80,8 +80,7 @@ class Panel:
     """Ends of its frequencies (Hz), both axes logarithmic; None over time."""
     along: float | None = None
     """Length of the arm (m), where its traces are over the distance from the root."""
-    aside: float | None = None
-    """Time (s) before which values do not count, and are shaded."""
+    aside: float | None = None  # time (s) before which values do not count, and are shaded
     columns: int = 4  # columns of the key
     nothing: str = ""  # why the panel is empty, where it is
     left_out: str = ""  # a remark on data that are cut off

@@ -11,8 +11,7 @@ from crinoid.results.units import Unit, largest, si_unit
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Level, Panel, Trace, rms
 
 _HERTZ = Unit(1.0, "Hz")
-_SMOOTHED = 1.0
-"""Time over which a frequency is averaged (s)."""
+_SMOOTHED = 1.0  # time over which a frequency is averaged (s)
 
 
 def vortex_chart(run: Result) -> Chart | None:
