@@ -12,11 +12,8 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__, versions
-from crinoid.results.own_files import is_own
-from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.scene.data import is_spatial
 from crinoid.results.scene.projection import SIDE
@@ -26,6 +23,7 @@ from crinoid.view.figures import style
 from crinoid.view.figures.arm import points_of, smooth_arm
 from crinoid.view.figures.perspective import draw_over_time
 from crinoid.view.figures.sheet import box_around, draw_in
+from crinoid.view.page.parts import report_file
 
 DOCUMENT = "report.pdf"
 
@@ -83,21 +81,15 @@ class Part(NamedTuple):
 
 def write_document(path: Path, parts: list[Part]) -> Path:
     """Write the document of the files of a folder; the first one gives its title."""
-    if path.exists() and not is_own(path):
-        raise ReportError(f"{path}: not written by crinoid. Move it away first.")
     first = parts[0]
     made = f"crinoid {__version__}"
     about = {"Title": first.title, "Author": made, "Creator": made, "Subject": first.source.name}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with (
-            style.printed(_A4[0] - 2 * _MARGIN),
-            atomic_write(path) as temporary,
-            PdfPages(temporary, metadata=about) as pdf,
-        ):
-            _Pages(pdf).write(parts)
-    except OSError as error:
-        raise ReportError(f"{path}: cannot write the document ({error.strerror})") from error
+    with (
+        report_file(path, "document") as temporary,
+        style.printed(_A4[0] - 2 * _MARGIN),
+        PdfPages(temporary, metadata=about) as pdf,
+    ):
+        _Pages(pdf).write(parts)
     return path
 
 

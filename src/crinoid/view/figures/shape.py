@@ -209,9 +209,7 @@ def draw_shape(run: Result) -> Figure:
 def _panels(
     low: PaperPoint, high: PaperPoint, run: Result, about: str
 ) -> tuple[Figure, list[Axes], bool]:
-    """Make equal panels that show a window, the title and colour bar around them.
-
-    Return them, and whether the key has room beside them.
+    """Make equal panels that show a window; also tell whether the key has room beside them.
 
     `about` is the origin of positions, other than that of the world. Equal axes leave a layout
     engine gaps, so the figure is cut to the panels instead; everything here is in inches.

@@ -1,12 +1,12 @@
 """The arm in space on one page: from above, from the side, from ahead, and in perspective."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.cbook import GrouperView
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
@@ -69,16 +69,17 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
         draw_key(axes, corner, largest(current.instants), current.scale)
     for artist in (*axes.collections, *axes.texts):
         artist.set_in_layout(False)  # layout engines overestimate the size of arrows
-    axes.set(xlim=_shared(axes.get_shared_x_axes(), axes, axes.get_xlim(), across))
-    axes.set(ylim=_shared(axes.get_shared_y_axes(), axes, axes.get_ylim(), up))
+    across = _shared(axes.get_shared_x_axes().get_siblings(axes), axes, axes.get_xlim(), across)
+    up = _shared(axes.get_shared_y_axes().get_siblings(axes), axes, axes.get_ylim(), up)
+    axes.set(xlim=across, ylim=up)
     axes.set_aspect("equal", adjustable="box")  # "datalim" refuses axes that share both
 
 
 def _shared(
-    groups: GrouperView, axes: Axes, drawn: tuple[float, float], wanted: tuple[float, float]
+    siblings: Sequence[Axes], axes: Axes, drawn: tuple[float, float], wanted: tuple[float, float]
 ) -> tuple[float, float]:
     """Return limits of axes that contain those of others with the same scale, if they have data."""
-    if not any(each.has_data() for each in groups.get_siblings(axes) if each is not axes):
+    if not any(each.has_data() for each in siblings if each is not axes):
         return wanted
     return min(drawn[0], wanted[0]), max(drawn[1], wanted[1])
 
@@ -175,10 +176,7 @@ def draw_sheet(run: Result) -> Figure:
 
 
 def fit(extent: Point, room: float, tallest: float, corner: float) -> Block:
-    """Find the scale at which three views of a window (m) fill a room (inches).
-
-    They leave a corner of at least some width and nearly that height.
-    """
+    """Find the scale at which views of a window (m) fill a room but for a corner (inches)."""
     wide, deep, high = extent
     room, tallest, low = room - GAP[0], tallest - GAP[1], 0.8 * corner
     across = min((room - corner) / wide, room / (wide + deep))

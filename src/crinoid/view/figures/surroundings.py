@@ -222,10 +222,7 @@ def draw_key(axes: Axes, corner: Float[np.ndarray, "axis=2"], fastest: float, sc
 
 
 def find_current(run: Result, view: View) -> CurrentArrows:
-    """Place the arrows of the flow along the arm, and choose their scale.
-
-    The arrows start next to all that the arm sweeps, so that neither hides the other.
-    """
+    """Place the arrows of the flow next to all that the arm sweeps, and choose their scale."""
     data = run.dataset
     nothing = CurrentArrows(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 0, 2)), 0.0)
     if "flow_velocity" not in data:

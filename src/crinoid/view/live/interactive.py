@@ -159,10 +159,7 @@ def launch_paths(debris: Debris, state: State, arm: Arm) -> list[tuple[Vector, V
 def launch(
     system: System, state: State, position: Float[Array, " d"], velocity: Float[Array, " d"]
 ) -> tuple[State, Bool[Array, ""]]:
-    """Return a state with another position (m) and velocity (m/s) of its last obstacle.
-
-    Also whether that touches neither the arm nor another obstacle.
-    """
+    """Return a state with its last obstacle moved (m, m/s), and whether that touches nothing."""
     forces, motion = system.forces, state.motion
     obstacles = forces.obstacles
     assert obstacles is not None

@@ -54,10 +54,7 @@ def write_run(run: Result, path: Path) -> Path:
 
 
 def page_of(run: Result) -> str:
-    """Return the page of a run as HTML.
-
-    Texts of the user are escaped, and scripts are allowed by their digests only.
-    """
+    """Return the page of a run as HTML, in which texts of the user are escaped."""
     still = run.dataset.sizes["time"] == 1
     charts = [] if still else charts_of(run)
     begin, end = _span(run)

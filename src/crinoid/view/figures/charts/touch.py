@@ -40,10 +40,7 @@ class _Body(NamedTuple):
 
 
 def contact_chart(run: Result) -> Chart | None:
-    """Return times of contact, forces and distances of obstacles, the arm itself and a hull.
-
-    None where the result has no contacts.
-    """
+    """Return times, forces and distances of contacts; None where the result has no contacts."""
     data = set(run.dataset)
     far = ({f"{part}_force", f"{part}_gap"} <= data for part in FAR_CONTACTS)
     if not (set(_VARIABLES) <= data or any(far)):
