@@ -192,6 +192,7 @@ def test_default_scenario_is_valid_and_says_everything():
     assert Scenario.from_dict(document) == scenario == Scenario.from_toml("")
     assert document["arm"]["length"] == 0.5
     assert document["simulation"]["max_halvings"] == 12
+    assert "\nposition = [0.0, -10.0]\n" in scenario.to_toml()
 
 
 def test_a_scenario_cannot_be_changed():
@@ -280,6 +281,7 @@ def test_a_scenario_says_its_tables_in_a_few_lines():
         "time": "20 s in steps of 0.01 s, seed 0",
         "vary": "6 cases over seed, arm.length",
     }
+    assert "m, EI = 0.03 N m2" in str(Scenario(arm={"section": {"EI": 0.03}}))
     octopus = str(load("octopus-3d"))
     assert "chamber_4 (share), ... 15 more" in octopus
     hostile = Scenario(title="<b>&")._repr_html_()

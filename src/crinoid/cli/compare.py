@@ -95,11 +95,7 @@ def comparison_table(data: xr.Dataset) -> Table:
     length = unit_for(rms)
     worst = ("-" if np.isnan(v) else length.number(v) for v in rms.max("seed").values.tolist())
     rows.insert(1, (f"RMS tip error, worst run ({length.name})", *worst))
-    kinds, scenario = data["controller"].values, Scenario.from_toml(data.attrs["scenario"])
-    moves = scenario.target.moves or (scenario.target.frame == "base" and scenario.base.motion)
-    if "none" in kinds and not moves:
-        ratio = rms / data["fluctuation"].sel(controller="none", drop=True)
-        add("RMS tip error over fluctuation", ratio.where(np.isfinite(ratio)), Unit(100.0, "%"))
+    kinds = data["controller"].values
     for index, name in enumerate(data["input"].values):
         speed = data["effort"][..., index]
         unit = speed_unit(str(data["input_unit"].values[index]), largest(speed.values))

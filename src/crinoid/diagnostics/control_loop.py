@@ -23,6 +23,8 @@ from crinoid.scenario import Scenario, SineFlow, SurfaceWaves, percent
 _LARGE, _SEEN_RINGING = 0.25, 0.05
 """Shares of the median and of the largest force on the base above which unresolved vibrations
 deserve a note."""
+_STILL = 1e-6
+"""Accelerations below this are round-off (m/s2)."""
 
 
 def unresolved_vibrations(
@@ -57,7 +59,7 @@ def unresolved_vibrations(
     rung = np.where(change > fastest + 2 * jumps, inertia, 0.0)
     rings, whole = np.median([rung[late], force[late]], axis=1)
     note = ""
-    if rings > _LARGE * whole > 0 and rings > _SEEN_RINGING * force.max():
+    if rings > max(_LARGE * whole, _SEEN_RINGING * force.max(), _STILL * own):
         note = (
             f"vibrations that time steps of {step:g} s do not resolve make up "
             f"{percent(rings / whole)} of the force on the base (medians of the second half). Try "

@@ -24,7 +24,7 @@ def represent(result: Result) -> tuple[str, dict[str, str]]:
     with suppress(Exception):  # a broken result needs a representation too
         found = equilibrium_summary(result) if rests else summary(result)
         for name, value, *other in found.rows[:_ROWS]:
-            rows[name] = f"{value}, {other[0]} without control" if other else value
+            rows[name] = f"{value}, {other[0]} without control" if any(other[:1]) else value
     if result.notes:
         rows["notes"] = f"{len(result.notes)}, in result.notes"
     return titled("Result", str(result.dataset.attrs.get("title", "")), result.status), rows

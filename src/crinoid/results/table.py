@@ -214,8 +214,9 @@ class _Table(NamedTuple):
         for axis in "xyz":
             for end, word in (("min", "least"), ("max", "greatest")):
                 if (name := f"{load}_{axis}_{end}") in found[0]:
-                    at = [(unit.text(each[name]), each[f"{name}_time"]) for each in found]
-                    cells = [f"{value} at {time:.4g} s" for value, time in at]
+                    at = [(each[name], f" at {each[f'{name}_time']:.4g} s") for each in found]
+                    small, none = _NOTHING * _ROUND_OFF, unit.text(0.0)
+                    cells = [unit.text(v) + time if abs(v) > small else none for v, time in at]
                     self.rows.append([f"{load} on {base} {way} {axis}, {word}", *cells])
 
     def add_vehicle(self) -> None:

@@ -19,7 +19,8 @@ def represent(scenario: Scenario) -> tuple[str, dict[str, str]]:
     """Return the title of a scenario and its main tables in words, without empty ones."""
     arm, base, control, time = scenario.arm, scenario.base, scenario.control, scenario.simulation
     place = "in space" if arm.dimension == 3 else "in the plane"
-    radius = f"radius {shown(arm.radius)} m, E = {arm.youngs_modulus:g} Pa"
+    E, EI = f"E = {arm.youngs_modulus:g} Pa", arm.section.EI
+    section = f"radius {shown(arm.radius)} m, {E if EI is None else f'EI = {shown(EI)} N m2'}"
     motions = counted(len(base.motion), "motion") if base.motion else ""
     pose = f"at {shown(base.position)} m, {'floats' if scenario.floats else base.mount}"
     drives = [f"{name} ({'rad' if name in ANGLES else 'm'})" for name in base.channels.present]
@@ -30,7 +31,7 @@ def represent(scenario: Scenario) -> tuple[str, dict[str, str]]:
     acts = f"{control.kind} at {scenario.control_rate_hz:g} Hz" if control.acts else "none"
     cases = prod(map(len, scenario.vary.values()))
     return titled("Scenario", scenario.title), {
-        "arm": f"{arm.length:g} m {place}, {counted(arm.nodes, 'node')}, {radius}",
+        "arm": f"{arm.length:g} m {place}, {counted(arm.nodes, 'node')}, {section}",
         "base": ", ".join(filter(None, [pose, motions])),
         "inputs": cut_list(drives),
         "flow": cut_list(_kinds("", scenario.flow)) or "none",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from itertools import combinations
@@ -182,7 +183,9 @@ class Scenario(Represented, Model):
         str
             Text of a file.
         """
-        return tomli_w.dumps(self.to_dict())
+        short = r'\[\n([^\[\]{}"]{,80}),\n\s*\]'  # a list of numbers, on a line of its own
+        text = tomli_w.dumps(self.to_dict())
+        return re.sub(short, lambda found: f"[{' '.join(found[1].split())}]", text)
 
     def cases(self) -> list[tuple[dict[str, Any], Scenario]]:
         """Return the cases of the scenario: every combination of the values in ``vary``.

@@ -158,7 +158,8 @@ class _Pages(NamedTuple):
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         for legend in figure.legends:  # else it goes to the foot of the page
-            legend.set_bbox_to_anchor((0.0, 0.0, 1.0, 1.0), figure.transFigure)
+            place = legend.get_bbox_to_anchor().transformed(figure.transFigure.inverted())
+            legend.set_bbox_to_anchor(place, figure.transFigure)
         # the page is larger than the figure, which is at its top
         low = tall + _MARGIN - _A4[1]
         figure.text(0.0, -0.15 / tall, caption, va="top", fontsize=9.0).set_in_layout(False)
