@@ -71,7 +71,7 @@ class Plots:
 
     Each accepts ``ax``, matplotlib's axes to draw into, and makes a new figure without. Those of
     several panels accept and return a list of axes. Plots over time show the run without control
-    too. A `ValueError` gives the reason where a run has nothing to plot, such as loads that do not
+    too. A ``ValueError`` gives the reason where a run has nothing to plot: loads that do not
     change, no submarine, no obstacles or no vortices.
 
     Parameters
