@@ -97,7 +97,7 @@ def arm(tmp_path_factory) -> Path:
 
 def sweep(arm: Path, out: Path, *more: str, crew=None, vary=VARY):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("crinoid.cli.sweep.open_pool", lambda options: crew or Here())
+        patch.setattr("crinoid.cli.sweep.open_pool", lambda *_: crew or Here())
         return call("sweep", arm, *vary, "--out", out, *more)
 
 

@@ -18,11 +18,10 @@ from crinoid.dynamics import System
 from crinoid.foundation.axes import AXES
 from crinoid.numerics.signals_and_systems import integral_time, spectrum, von_karman
 from crinoid.recording import Recording
-from crinoid.results.dataset import describe, described
+from crinoid.results.dataset import FORWARD, describe, described
 from crinoid.scenario import Scenario
 
-_STEADY = 1e-9
-"""A standard deviation of less than this part of the largest speed is round-off."""
+_STEADY = 1e-9  # a standard deviation of less than this part of the largest speed is round-off
 
 
 def current_statistics(
@@ -60,11 +59,8 @@ FLOW = "flow.nc"
 
 PLACES = ("root", "tip")
 
-_DIRECTIONS = {2: "x forward, z up", 3: "x forward, y to port, z up"}
-_MOST = 100_000
-"""Samples that are taken at most."""
-_FEWEST = 64
-"""Samples past the last ramp that make up statistics."""
+_MOST = 100_000  # samples that are taken at most
+_FEWEST = 64  # samples past the last ramp that make up statistics
 _HEIGHTS = 161
 _INSTANTS = 1000
 _RANDOM = {"gauss-markov", "measured", "turbulence"}
@@ -119,7 +115,7 @@ def sample_current(prepared: Prepared) -> xr.Dataset:
     axes = root.size
     coords = described([
         ("time", "time", "s", times, "time"),
-        ("axis", "axis", "", list(AXES[axes]), _DIRECTIONS[axes]),
+        ("axis", "axis", "", list(AXES[axes]), FORWARD[axes]),
         ("place", "place", "", list(PLACES), "end of the arm at rest"),
         ("position", "place axis", "m", np.stack([root, tip]), "position of the ends"),
         ("frequency", "frequency", "Hz", frequency, "frequency"),
@@ -160,10 +156,8 @@ def _velocity(
 @compiled(**ONCE)
 def _displacements(system: System, times: Array) -> Array:
     """Return how far all that is the same everywhere has moved the water (m)."""
-    nowhere = jnp.zeros(system.forces.origin.shape)
-    flows = system.forces.water.flows
-    moved = [jax.vmap(lambda time, each=each: nowhere + each.displacement(time)) for each in flows]
-    return jnp.sum(jnp.stack([move(times) for move in moved]), axis=0)
+    nowhere, flows = jnp.zeros(system.forces.origin.shape), system.forces.water.flows
+    return jax.vmap(lambda time: nowhere + sum(each.displacement(time) for each in flows))(times)
 
 
 def _times(scenario: Scenario) -> tuple[Float[np.ndarray, " time"], float]:

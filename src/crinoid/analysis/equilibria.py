@@ -16,7 +16,7 @@ from crinoid.analysis.curve import Curve
 from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import require_one_case
 from crinoid.compilation import ONCE, compiled
-from crinoid.dynamics import Outcome, State, System
+from crinoid.dynamics import State, System
 from crinoid.dynamics.resting import follow_equilibrium
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.foundation.status import Status
@@ -132,9 +132,7 @@ def _form(system: System) -> tuple[Any, ...]:
     return tree, tuple((np.shape(leaf), getattr(leaf, "dtype", None)) for leaf in leaves)
 
 
-@compiled(**ONCE)
-def _follow(system: System, before: System, state: State) -> tuple[State, Outcome]:
-    return follow_equilibrium(system, before, state)
+_follow = compiled(**ONCE)(follow_equilibrium)
 
 
 @compiled(**ONCE)

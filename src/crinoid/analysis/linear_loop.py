@@ -32,14 +32,11 @@ from crinoid.simulation.loop_margin import INDENTED, OpenLoop, around
 from crinoid.simulation.setup import Setup, set_up
 
 _GRID = 1500
-_LOWEST = 1e-5
-"""Lowest frequency looked at, over the highest."""
+_LOWEST = 1e-5  # lowest frequency looked at, over the highest
 _WIDEST = 5e-3
 """Distance from a resonance, over it, from which on the even frequencies are as close."""
-_SETTLED = 2.0
-"""How long a controller has run when it is linearised (s)."""
-_FAR = 1e6
-"""By how much limits are moved away, over themselves and 1."""
+_SETTLED = 2.0  # how long a controller has run when it is linearised (s)
+_FAR = 1e6  # by how much limits are moved away, over themselves and 1
 
 
 class LinearLoop(NamedTuple):
@@ -102,18 +99,17 @@ class LinearPlant(NamedTuple):
 
     def poles(self, controller: System) -> dict[str, Complex[np.ndarray, " pole"]]:
         """Return the poles of the loop closed by a controller (1/s), in each water."""
-        return {water: self._poles(controller, each) for water, each in self.systems.items()}
-
-    def _poles(self, controller: System, plant: System) -> Complex[np.ndarray, " pole"]:
-        own = controller.minimal()
+        own, found = controller.minimal(), {}
         driven = _driven(own)
-        plant = plant._replace(B=plant.B[:, driven], D=plant.D[:, driven]).minimal()
-        arm = plant.A + plant.B @ own.D[driven] @ plant.C
-        closed = np.block([[arm, plant.B @ own.C[driven]], [own.B @ plant.C, own.A]])
-        found = np.linalg.eigvals(closed).astype(complex)
-        found = found[np.argsort(-np.abs(found))]
-        # others are gone after a period
-        return np.log(found[np.abs(found) > 0]) / self.period
+        for water, plant in self.systems.items():
+            plant = plant._replace(B=plant.B[:, driven], D=plant.D[:, driven]).minimal()
+            arm = plant.A + plant.B @ own.D[driven] @ plant.C
+            closed = np.block([[arm, plant.B @ own.C[driven]], [own.B @ plant.C, own.A]])
+            values = np.linalg.eigvals(closed).astype(complex)
+            values = values[np.argsort(-np.abs(values))]
+            # others are gone after a period
+            found[water] = np.log(values[np.abs(values) > 0]) / self.period
+        return found
 
     def closed(self, controller: System) -> LinearLoop:
         """Close the loop by a controller."""

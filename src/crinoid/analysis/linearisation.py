@@ -29,8 +29,7 @@ from crinoid.scenario.library import Source
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.setup import set_up
 
-_USUAL = 0.1
-"""Usual change of the water's velocity (m/s), and of its acceleration (m/s2)."""
+_USUAL = 0.1  # usual change of the water's velocity (m/s), and of its acceleration (m/s2)
 
 
 def linearise(scenario: Source, *, order: int | None = None) -> StateSpaceModel:

@@ -19,27 +19,20 @@ RECORD, HISTOGRAM = "record.nc", "histogram.csv"
 SPEED, SHARE = "speed (m/s)", "share of time"
 """Columns of a histogram: centre of a bin, and its share."""
 
-_WINDOW = 600.0
-"""Time (s) over which turbulence is steady enough for statistics."""
-_TURBULENT = 1.0
-"""Interval (s) from which on samples are too far apart for turbulence."""
-_HOLES = 0.05
-"""Largest filled share of a window."""
-_WAVES = (0.05, 0.5)
-"""Frequencies of surface waves (Hz)."""
-_CALM = 0.1
-"""Largest density below half the frequency of the waves, over that at their peak."""
+_WINDOW = 600.0  # time (s) over which turbulence is steady enough for statistics
+_TURBULENT = 1.0  # interval (s) from which on samples are too far apart for turbulence
+_HOLES = 0.05  # largest filled share of a window
+_WAVES = (0.05, 0.5)  # frequencies of surface waves (Hz)
+_CALM = 0.1  # largest density below half the frequency of the waves, over that at their peak
 _GAMMA, _GRAVITY = 3.3, 9.81
 TIDAL = 15 * 86400.0
 """Shortest record of a tide (s): half a month parts the two main constituents, M2 and S2."""
 NO_MEAN = 0.05
 """A mean velocity of less than this part of the RMS speed is none: nothing is relative to it."""
-_STEADY = 1e-6
-"""A standard deviation of less than this part of the largest speed is round-off."""
+_STEADY = 1e-6  # a standard deviation of less than this part of the largest speed is round-off
 _APART = 0.3
 """Smallest share of a constituent that is linearly independent of the other constituents."""
-_BINS = 15
-"""Fewest bins of speed up to the largest."""
+_BINS = 15  # fewest bins of speed up to the largest
 
 Velocity = Float[np.ndarray, "time component"]
 Filled = Bool[np.ndarray, " time"]

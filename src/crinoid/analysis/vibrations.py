@@ -34,8 +34,7 @@ MODES = "modes.nc"
 COUNT = 6
 """How many modes are looked for, unless said."""
 
-_GROWS = -1e-6
-"""Damping ratio below which a vibration grows, and round-off does not account for it."""
+_GROWS = -1e-6  # damping ratio below which a vibration grows, and round-off does not account for it
 
 
 class Vibration(NamedTuple):
@@ -204,8 +203,8 @@ def _dataset(prepared: Prepared, found: dict[str, Vibration]) -> xr.Dataset:
         first = water.modes.frequency
         speed = np.outer(first, prepared.facts.lock_in) * prepared.facts.diameter
         locks = (first > 0) & _bending(water, np.asarray(scenario.arm.diameters))
-        known, lacking = np.where(locks[:, None], speed, np.nan), ((0, most - first.size), (0, 0))
-        speed = np.pad(known, lacking, constant_values=np.nan)
+        speed = np.where(locks[:, None], speed, np.nan)
+        speed = np.pad(speed, ((0, most - first.size), (0, 0)), constant_values=np.nan)
         rows.append(
             ("lock_in_speed", "mode end", "m s-1", speed,
              "speeds of a current across the arm between which vortices lock in to a bending mode"),

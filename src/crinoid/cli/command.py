@@ -17,12 +17,11 @@ from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading
 from crinoid.foundation.status import Status
 
 if TYPE_CHECKING:
-    from crinoid.scenario import Scenario, ScenarioText
+    from crinoid.scenario import ScenarioText
 
 MISSED, BAD_INPUT, FAILED = 1, 2, 3
 """Exit codes."""
-_FOUND = ("optimised", "tuned", "identified")
-"""Names of the scenario files that crinoid writes."""
+_FOUND = ("optimised", "tuned", "identified")  # names of the scenario files that crinoid writes
 _ESCAPED = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != 0x0A}
 """Control characters but the new line, and their printed replacements."""
 
@@ -57,9 +56,7 @@ def end(trouble: str, code: int = FAILED) -> None:
 
 
 @contextmanager
-def one_line_errors(
-    interrupted: str = "interrupted before there was anything to save",
-) -> Iterator[None]:
+def one_line_errors(interrupted: str) -> Iterator[None]:
     """Print errors that a user can mend as one line each, without a traceback."""
     with Loading():
         from crinoid.results.report_error import ReportError
@@ -100,13 +97,8 @@ def complete_key(start: str) -> list[str]:
     return [f"{key}=" for key, table in found.items() if key.startswith(start) and not table]
 
 
-def load_scenario(name: str, settings: list[str] | None) -> Scenario:
-    """Load a scenario by its file or name, with some keys changed."""
-    return load_text(name, settings).scenario
-
-
 def load_text(name: str, settings: list[str] | None) -> ScenarioText:
-    """Load a scenario with its text, in which a command changes numbers."""
+    """Load a scenario by its file or name, with some keys changed, and its text."""
     with Loading():
         from crinoid.scenario import ScenarioText
 

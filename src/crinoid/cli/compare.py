@@ -79,10 +79,7 @@ def compare_controllers(
 
 
 def comparison_table(data: xr.Dataset) -> Table:
-    """Return means with intervals of 95 %, over the runs that reached their end.
-
-    The last rows have the differences of the RMS error from its smallest mean, over the same seeds.
-    """
+    """Return means with intervals of 95 %, over the runs that reached their end."""
     rows: list[tuple[str, ...]] = []
 
     def add(name: str, values: xr.DataArray, unit: Unit) -> None:

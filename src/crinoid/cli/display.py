@@ -31,8 +31,7 @@ from crinoid.view.figures.study import short_keys
 if TYPE_CHECKING:
     from crinoid.simulation import Progress as Reached
 
-_FEW = 3
-"""Number of keys that a line names."""
+_FEW = 3  # number of keys that a line names
 
 
 class _TimeColumn(TimeRemainingColumn):
@@ -98,8 +97,7 @@ def seed_notes(seeds: int) -> list[str]:
 
 _ONSETS = ("flow", "load", "base", "target", "simulation")
 """Tables that decide from when on errors count."""
-_AIMS = ("target", "control")
-"""Tables that give the tip a target."""
+_AIMS = ("target", "control")  # tables that give the tip a target
 
 
 def say_when(scenario: Scenario, varied: Iterable[str] = ()) -> None:

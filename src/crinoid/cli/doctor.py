@@ -23,11 +23,9 @@ from crinoid.foundation.version import version_of, versions
 from crinoid.scenario import Scenario
 from crinoid.simulation import SimulationError, simulate
 
-_AMONG = ("test", "lint", "docs", "dev", "peers")
-"""Extras for work on crinoid itself."""
+_AMONG = ("test", "lint", "docs", "dev", "peers")  # extras for work on crinoid itself
 _EXTRA = re.compile(r"([\w.-]+)[^;]*;\s*extra == ['\"](\w+)['\"]")
-_LITTLE = 1e9
-"""Free disk space below which a note says so (bytes)."""
+_LITTLE = 1e9  # free disk space below which a note says so (bytes)
 _TIP, _TOLERANCE = (0.45959395, -10.18278911), 1e-6
 """Where the tip of `_CASE` ends (m), on all machines to far below the tolerance."""
 _CASE = Scenario(

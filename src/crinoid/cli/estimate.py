@@ -13,8 +13,7 @@ from crinoid.inverse.estimation import estimated
 from crinoid.results.units import DEGREES, length_unit, si_unit
 from crinoid.scenario import Scenario
 
-_FAR = 2.0
-"""Mean square of innovations beyond which the observer does not fit the log."""
+_FAR = 2.0  # mean square of innovations beyond which the observer does not fit the log
 
 
 def estimate_states(scenario: Scenario, record: Path, folder: Path, *, force: bool) -> None:

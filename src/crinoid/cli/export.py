@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from crinoid.cli.command import folder_for, load_scenario
+from crinoid.cli.command import folder_for, load_text
 from crinoid.cli.interruption import Loading
 from crinoid.scenario.errors import got, refusal
 from crinoid.view.export import write_export
@@ -70,7 +70,7 @@ def export_scenario(
 ) -> None:
     """Export a scenario as an FMU; options of results must be ``unused``."""
     form = format_for("fmu", unused)
-    scenario, stem = load_scenario(name, settings), Path(name).stem
+    scenario, stem = load_text(name, settings).scenario, Path(name).stem
     if out is not None:
         out, stem = place_of(out, form, stem)
     folder = folder_for(out, name, settings=settings)

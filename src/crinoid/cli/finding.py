@@ -141,10 +141,7 @@ def checked_runs(plan: Design, runs: Iterable[int], key: str) -> Iterator[tuple[
 
 
 def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write the summary and the page of a run that was killed after its last step.
-
-    Return the new files, and notes on those that could not be written.
-    """
+    """Write summary and page of a run that was killed at its end; return them, and notes."""
     if all(is_own(folder / name) for name in (SUMMARY_JSON, SUMMARY_CSV, PAGE)):
         return [], []
     try:
@@ -156,10 +153,7 @@ def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def page_in(folder: Path) -> tuple[list[Path], list[str]]:
-    """Write the page of the run or the study in a folder; return it, or a note of why not.
-
-    A run without a page is a run all the same.
-    """
+    """Write the page of the run or the study in a folder; return it, or a note of why not."""
     try:
         return [write_page(folder)], []
     except ReportError as error:

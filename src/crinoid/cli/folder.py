@@ -99,14 +99,11 @@ def check_replaced(
     equilibrium is to replace them.
     """
     for place in wanted:
-        if not (resume and (folder / place / RESULT).exists()):  # checked more closely
-            check_own(folder / place / RESULT)
-            check_own(folder / place / UNCONTROLLED)
-        for name in _SUMMARY:
+        goes_on = resume and (folder / place / RESULT).exists()  # checked more closely elsewhere
+        for name in _SUMMARY if goes_on else (RESULT, UNCONTROLLED, *_SUMMARY):
             check_own(folder / place / name)
-    if "" not in wanted:
-        check_own(folder / CASES)
-        check_own(folder / MEANS)
+    for name in () if "" in wanted else (CASES, MEANS):
+        check_own(folder / name)
     if (folder / PLAN).exists():
         text = f"{folder} contains a sweep. Choose another folder, or use --force to write next "
         raise refusal("--out", f"{text}to it.")
@@ -218,18 +215,13 @@ def save(result: Result, folder: Path, place: Path) -> tuple[list[Path], str]:
         clear_figures(folder)
     if not aside and place != folder:
         _remove_made(place)
-    _read_from(result, paths[0].parent)
+    saved = paths[0].parent
+    for (_, run), name in zip(result.members, (RESULT, UNCONTROLLED), strict=False):
+        run.dataset = open_lazily(saved / name)  # the files that it read before may be gone
     try:
-        return paths + write_summary(result, paths[0].parent), ""
+        return paths + write_summary(result, saved), ""
     except OSError as error:
-        return paths, f"{error.filename or paths[0].parent}: {error.strerror or error}"
-
-
-def _read_from(result: Result, folder: Path) -> None:
-    """Let a result read its large variables from where it is saved: other files may be gone."""
-    for run, name in ((result, RESULT), (result.uncontrolled, UNCONTROLLED)):
-        if run is not None:
-            run.dataset = open_lazily(folder / name)
+        return paths, f"{error.filename or saved}: {error.strerror or error}"
 
 
 def stopped(error: OSError, place: Path) -> str:

@@ -19,8 +19,7 @@ from crinoid.inverse.unknowns import Unknowns
 from crinoid.results.units import length_text
 from crinoid.scenario import ScenarioText, counted
 
-_ALIKE = 0.95
-"""Correlation of two numbers from which on a note reports it."""
+_ALIKE = 0.95  # correlation of two numbers from which on a note reports it
 _MOST_CORRELATED = 2.0
 """Variance of a mean of residuals, over that of white noise, from which on a note reports it."""
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -43,28 +43,16 @@ def optimise_numbers(
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
     search = partial(Optimisation, text.scenario, ranges, goal, seeds, trials, rest=rest)
     beyond = "A wider range may give a better value"
-    names = SearchNames("an optimisation", OPTIMISATION, "optimise", "optimised", beyond)
-    return search_and_save(text, folder, names, search, force=force)
-
-
-class SearchNames(NamedTuple):
-    """Names of a search."""
-
-    subject: str
-    """In messages."""
-    file: str
-    """Of its course."""
-    command: str
-    found: str
-    """Of the new scenario."""
-    beyond: str
-    """What to try where a number is at an end of its range."""
+    path = folder / OPTIMISATION
+    return search_and_save(text, path, "an optimisation", "optimise", beyond, search, force=force)
 
 
 def search_and_save(
     text: ScenarioText,
-    folder: Path,
-    names: SearchNames,
+    path: Path,
+    subject: str,
+    command: str,
+    beyond: str,
     new: Callable[[], S],
     more: Callable[[S, xr.Dataset], More] = lambda *_: ([], []),
     *,
@@ -72,11 +60,12 @@ def search_and_save(
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code.
 
-    ``more`` returns further rows of the table, and notes.
+    The ``path`` is that of its course, the ``subject`` its noun in messages. ``beyond`` is what to
+    try where a number is at an end of its range. ``more`` returns further rows of the table, and
+    notes.
     """
-    path = folder / names.file
     with (
-        finding(text.scenario, path, names.subject, force=force, others=[SUMMARY_JSON]) as found,
+        finding(text.scenario, path, subject, force=force, others=[SUMMARY_JSON]) as found,
         Interruption() as interruption,
     ):
         with progress_bar() as bar, solvable():
@@ -102,16 +91,16 @@ def search_and_save(
             status = "; ".join([f"{Status.INTERRUPTED} {words}", *missed])
         elif missed:
             status = f"no trial keeps all limits: {'; '.join(missed)}"
-        words = f"numbers by `crinoid {names.command}`, for {measure}"
+        words = f"numbers by `crinoid {command}`, for {measure}"
         summary = _summary(search, status)
         texts = {
-            f"{names.found}.toml": text.with_values(search.numbers(), words),
+            f"{command}d.toml": text.with_values(search.numbers(), words),
             SUMMARY_JSON: json.dumps(summary, indent=1, allow_nan=False),
         }
         data = search.dataset(status)
         notes = [f"a search without gradients: {search.why}"] if search.why else []
         if ends := ", ".join(summary["at_end"]):
-            notes.append(f"at an end of its range: {ends}. {names.beyond}")
+            notes.append(f"at an end of its range: {ends}. {beyond}")
         if search.ended_early:
             notes.append("the search ended at its number of trials. More may give a better value")
         rows, others = more(search, data)

@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from crinoid.analysis.curve import Curve
-from crinoid.cli.command import console, folder_for, load_scenario, stop
+from crinoid.cli.command import console, folder_for, load_text, stop
 from crinoid.cli.commands import DEFAULT
 from crinoid.cli.interruption import Loading
 from crinoid.scenario import Scenario, builtin_files, builtin_names, builtin_text, json_schema, load
@@ -29,7 +29,8 @@ def run(
     """Run a scenario, a study, or a run of a sweep again."""
     if case is None:
         name = DEFAULT if scenario is None else scenario
-        described, folder = load_scenario(name, settings), folder_for(out, name, "", settings)
+        described = load_text(name, settings).scenario
+        folder = folder_for(out, name, "", settings)
         if resume and not folder.exists():  # of a run that is prolonged
             kept = [each for each in settings or () if not each.startswith(_DURATION)]
             folder = folder_for(out, name, "", kept)
@@ -81,7 +82,7 @@ def flow(scenario: str, settings: list[str] | None, out: Path | None, *, force: 
 
         show_record(scenario, settings or (), folder, force=force)
         return
-    described = load_scenario(scenario, settings)
+    described = load_text(scenario, settings).scenario
     with Loading():
         from crinoid.cli.analyses import show_current
 

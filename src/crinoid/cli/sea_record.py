@@ -44,10 +44,8 @@ _READING = (
     *("time", "vertical", "origin", "heading_deg", "select"),
 )
 """Keys of a measured flow that say how its file is read."""
-_TIDES = 6 * 3600.0
-"""Interval (s) from which on samples are too far apart for most tides."""
-_CONSTITUENTS = 6
-"""Constituents that are listed at most."""
+_TIDES = 6 * 3600.0  # interval (s) from which on samples are too far apart for most tides
+_CONSTITUENTS = 6  # constituents that are listed at most
 _HEAD = table_head([SPEED, SHARE])
 
 
@@ -124,18 +122,14 @@ def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
         dims = ", ".join(f"{each} {size}" for each, size in variable.sizes.items())
         role = ", ".join(roles.get(str(name), [])) or ("flag" if flag else "other")
         rows.append((str(name), role, str(variable.attrs.get("units", "")), dims))
-    rows.sort(
-        key=lambda row: ("other", "flag").index(row[1]) if row[1] in ("other", "flag") else -1
-    )
+    rows.sort(key=lambda row: {"other": 0, "flag": 1}.get(row[1], -1))
     return new_table(None, ("variable", "role", "unit", "dimensions"), rows, box=box.SIMPLE)
 
 
 def _numbers(record: FilledRecord, places: list[int], axes: tuple[str, ...]) -> Table:
     """Return the statistics of some levels."""
-    columns = [record_statistics(record, level, axes) for level in places]
-    if record.levels is None:
-        return statistics_table(None, (), columns)
-    heads = ("", *(f"z = {record.levels[at]:.4g} m" for at in places))
+    columns, levels = [record_statistics(record, at, axes) for at in places], record.levels
+    heads = () if levels is None else ("", *(f"z = {levels[at]:.4g} m" for at in places))
     return statistics_table(None, heads, columns)
 
 

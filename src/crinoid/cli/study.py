@@ -42,10 +42,8 @@ from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
 from crinoid.studies.design import Design
 
-_MOST_HELD = 20_000_000
-"""Numbers that cases keep in memory at most from their check to their run."""
-_OF_A_SYSTEM = 10_000
-"""Numbers that need as much memory as a system."""
+_MOST_HELD = 20_000_000  # numbers that cases keep in memory at most from their check to their run
+_OF_A_SYSTEM = 10_000  # numbers that need as much memory as a system
 
 
 def run_study(scenario: Scenario, folder: Path, *, resume: bool, force: bool) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from crinoid.cli.command import stop
 from crinoid.cli.interruption import Loading
+from crinoid.foundation.cores import cores
 from crinoid.scenario import Scenario, ScenarioText, refusal
 
 
@@ -67,14 +68,14 @@ def sweep(
 
     plan = SweepDesign.of(scenario, vary or (), **design)
     with Loading():
-        from crinoid.cli.sweep import WorkerOptions, estimate_sweep, run_sweep
+        from crinoid.cli.sweep import estimate_sweep, run_sweep
 
-    options = WorkerOptions(workers, scheduler)
+    count = workers or cores()
     if dry_run:
-        estimate_sweep(plan, options)
+        estimate_sweep(plan, count, scheduler)
         return ""
     run = partial(run_sweep, sized=design["batch"] is not None, resume=resume, force=force)
-    return run(plan, folder, options, weights=weights)
+    return run(plan, folder, count, scheduler, weights=weights)
 
 
 def train(

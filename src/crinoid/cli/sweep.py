@@ -4,8 +4,8 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -30,7 +30,6 @@ from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
 from crinoid.cli.weights import shares_of_time
 from crinoid.diagnostics.plausibility import plausibility_warnings
-from crinoid.foundation.cores import cores
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import CASES, measures_of
@@ -42,40 +41,24 @@ from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batche
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore
 
-_MOST_TRIED = 1000
-"""Values of a key that are tried before a sweep starts."""
-_MOST_TOLD = 100
-"""Structures whose implausible values are reported."""
+_MOST_TRIED = 1000  # values of a key that are tried before a sweep starts
+_MOST_TOLD = 100  # structures whose implausible values are reported
 _ONE_THREAD = ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that keep XLA and linear algebra of a worker to one thread."""
-_LONGEST = 10.0
-"""Time after which a trial is long enough (s)."""
-_RUN, _BATCH = 400, 18_000
-"""Bytes on the disk of a run, and of a batch without its runs."""
+_LONGEST = 10.0  # time after which a trial is long enough (s)
+_RUN, _BATCH = 400, 18_000  # bytes on the disk of a run, and of a batch without its runs
 
 
-class WorkerOptions(NamedTuple):
-    """Options about workers."""
-
-    workers: int | None
-    scheduler: str | None
-
-    @property
-    def number(self) -> int:
-        """Number of workers on this machine."""
-        return self.workers or cores()
-
-
-def open_pool(options: WorkerOptions) -> WorkerPool:
+def open_pool(workers: int, scheduler: str | None) -> WorkerPool:
     """Start processes of this machine, or find the workers of a scheduler."""
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
     from crinoid.studies.sweep.workers import Cluster, Processes
 
-    if options.scheduler is None:
-        return Processes(options.number)
+    if scheduler is None:
+        return Processes(workers)
     try:
-        return Cluster(options.scheduler)
+        return Cluster(scheduler)
     except ImportError:
         text = "needs dask.distributed: pip install 'crinoid[sweep]'"
         raise refusal("--scheduler", text) from None
@@ -86,7 +69,8 @@ def open_pool(options: WorkerOptions) -> WorkerPool:
 def run_sweep(
     plan: SweepDesign,
     folder: Path,
-    options: WorkerOptions,
+    workers: int,
+    scheduler: str | None,
     *,
     sized: bool,
     resume: bool,
@@ -120,12 +104,12 @@ def run_sweep(
         if not known:
             clear(folder, {}, force=force)
             store.start(plan)
-        done = store.finished(plan)
+        done, start = store.finished(plan), partial(open_pool, workers, scheduler)
         with Interruption() as interruption:
             interruption.stop()  # from here on there is something to save
             try:
                 with progress_bar() as bar:
-                    if not _run(plan, store, options, done, bar, interruption.stop):
+                    if not _run(plan, store, start, done, bar, interruption.stop):
                         return f"{Status.INTERRUPTED}: {_saved(plan, done)}"
                     bar.update(bar.task_ids[0], description="collecting", reached="")
                     data, files = store.collect(plan, shares)
@@ -178,7 +162,7 @@ def notes_of(plan: SweepDesign) -> list[str]:
 def _run(
     plan: SweepDesign,
     store: SweepStore,
-    options: WorkerOptions,
+    start: Callable[[], WorkerPool],
     done: set[int],
     bar: Progress,
     stop: Callable[[], bool],
@@ -188,7 +172,7 @@ def _run(
         return True
     task = bar.task_ids[0]
     bar.update(task, description="starting")
-    pool = open_pool(options)
+    pool = start()
 
     def report(saved: int) -> None:
         if bar.tasks[0].total is None:  # the time left is that of the present runs
@@ -235,12 +219,11 @@ def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = Non
     return new_table(data.attrs["title"], heads, rows, box=box.SIMPLE, pad_edge=False)
 
 
-def estimate_sweep(plan: SweepDesign, options: WorkerOptions) -> None:
+def estimate_sweep(plan: SweepDesign, workers: int, scheduler: str | None) -> None:
     """Estimate the cost of a sweep from a trial of its first run; write nothing."""
     say_notes(notes_of(plan))
-    workers = options.number
-    if options.scheduler is not None:
-        pool = open_pool(options)
+    if scheduler is not None:
+        pool = open_pool(workers, scheduler)
         workers = sum(pool.workers().values())
         pool.close()
     with console.status("timing the first run"):

@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from crinoid.cli.optimise import More, SearchNames, search_and_save
+from crinoid.cli.optimise import More, search_and_save
 from crinoid.inverse import TUNING
 from crinoid.inverse.tuning import MARGINS, Tuning, tunable_numbers
 from crinoid.results.units import DEGREES, length_text, si_unit
 from crinoid.scenario import ScenarioText
 
-_LITTLE = 0.9
-"""Tip error over that without control above which a tuning deserves a note."""
+_LITTLE = 0.9  # tip error over that without control above which a tuning deserves a note
 
 
 def tune_controller(
@@ -21,9 +20,9 @@ def tune_controller(
 ) -> tuple[str, int]:
     """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
     tunable_numbers(text.scenario)
-    names = SearchNames("a tuning", TUNING, "tune", "tuned", "Continue from tuned.toml")
     search = partial(Tuning, text.scenario, seeds, iterations, margin)
-    return search_and_save(text, folder, names, search, _more, force=force)
+    path, beyond = folder / TUNING, "Continue from tuned.toml"
+    return search_and_save(text, path, "a tuning", "tune", beyond, search, _more, force=force)
 
 
 def _more(search: Tuning, data: xr.Dataset) -> More:

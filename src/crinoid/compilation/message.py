@@ -8,10 +8,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_LONG = 5.0
-"""Compile time in all from which a message is worth its line (s)."""
-_SOON = 1.0
-"""Least time of one compilation before it is reported (s)."""
+_LONG = 5.0  # compile time in all from which a message is worth its line (s)
+_SOON = 1.0  # least time of one compilation before it is reported (s)
 _LOGGER = logging.getLogger(__name__)
 _subject = "the arm"
 _spent: defaultdict[str, float] = defaultdict(float)

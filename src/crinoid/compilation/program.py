@@ -55,8 +55,7 @@ They disable the passes that turn a loop into one kernel and move values out of 
 """
 ONCE = SOMETIMES | {"xla_backend_optimization_level": 0}
 """XLA options for programs that run once, with the shortest compile time."""
-_MOST_LOADED = 4
-"""Number of loaded programs of one function: a study may need thousands."""
+_MOST_LOADED = 4  # number of loaded programs of one function: a study may need thousands
 
 
 _first_process = functools.cache(os.getpid)

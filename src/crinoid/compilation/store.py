@@ -27,8 +27,7 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.cache_folder import cache_folder
 
 _IMPORT_TIME = time.time()
-_SOURCE = Path(__file__).parents[1]
-"""Folder whose sources a program depends on: all of crinoid."""
+_SOURCE = Path(__file__).parents[1]  # folder whose sources a program depends on: all of crinoid
 _SOUND = {"builtins", "crinoid", "equinox", "jax", "numpy"}
 """Packages whose classes and functions a key identifies by name and version."""
 _ELSEWHERE = ("cache", "log", "traceback")
@@ -151,12 +150,9 @@ def _processor() -> list[str]:
     return lines or [platform.processor(), platform.node()]
 
 
-_MOST_BYTES = 500_000_000
-"""Total size of files beyond which the least recently used are deleted."""
-_PATIENCE = 60.0
-"""Time after which a process no longer waits for another one that compiles (s)."""
-_DIGEST = 32
-"""Bytes of a digest."""
+_MOST_BYTES = 500_000_000  # total size of files beyond which the least recently used are deleted
+_PATIENCE = 60.0  # time after which a process no longer waits for another one that compiles (s)
+_DIGEST = 32  # bytes of a digest
 
 
 @dataclass(frozen=True)

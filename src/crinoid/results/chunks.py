@@ -8,8 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
-_NUMBERS = 1 << 15
-"""Nodes times instants of a piece: a few megabytes of vectors."""
+_NUMBERS = 1 << 15  # nodes times instants of a piece: a few megabytes of vectors
 
 
 def piece_length(dataset: xr.Dataset) -> int:

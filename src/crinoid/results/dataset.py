@@ -25,9 +25,7 @@ Series = Float[np.ndarray, " time"]
 Vectors = Float[np.ndarray, "time node axis"]
 
 _PER = {"channel_max_speed": ", per s", "channel_max_acceleration": ", per s2"}
-_ALONG = "distance from the root along the arm at rest"
-_WITH_CHANNELS = "unit of base_command, base_servo and base_pose"
-_FORWARD = {2: "x forward, z up", 3: "x forward, y to port, z up"}
+FORWARD = {2: "x forward, z up", 3: "x forward, y to port, z up"}
 
 
 def describe(scenario: Scenario) -> dict[str, Any]:
@@ -43,15 +41,11 @@ def describe(scenario: Scenario) -> dict[str, Any]:
 
 
 def described(rows: Sequence[tuple[str, str, str, Any, str]]) -> dict[str, tuple[Any, ...]]:
-    """Return variables from rows of name, dimensions, unit, values and meaning.
-
-    Unit and meaning may be empty.
-    """
+    """Return variables from rows of name, dimensions, unit or "", values, and meaning or ""."""
     found = {}
     for name, dims, unit, values, meaning in rows:
-        attributes = {"units": unit, "long_name": meaning}
-        known = {key: text for key, text in attributes.items() if text}
-        found[name] = (dims.split(), values, known)
+        about = {"units": unit, "long_name": meaning}
+        found[name] = dims.split(), values, {key: text for key, text in about.items() if text}
     return found
 
 
@@ -229,18 +223,20 @@ def coordinates(
     """Return the coordinates of a result, for xarray."""
     channels = CHANNELS[dimension]
     units = ["rad" if channel in ANGLES else "m" for channel in channels]
-    found: dict[str, tuple[Any, ...]] = {
-        "time": ("time", time, {"units": "s", "long_name": "time", "axis": "T"}),
-        "axis": ("axis", list(AXES[dimension]), {"long_name": _FORWARD[dimension]}),
-        "channel": ("channel", list(channels), {"long_name": "base channel"}),
-        "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
-        "arc_length": ("node", arc_length, {"units": "m", "long_name": _ALONG}),
-        "diameter": ("node", diameter, {"units": "m", "long_name": "diameter that the water sees"}),
-        "channel_unit": ("channel", units, {"long_name": _WITH_CHANNELS}),
-    }
+    rows: list[tuple[str, str, str, Any, str]] = [
+        ("time", "time", "s", time, "time"),
+        ("axis", "axis", "", list(AXES[dimension]), FORWARD[dimension]),
+        ("channel", "channel", "", list(channels), "base channel"),
+        ("kind", "kind", "", [*ENERGIES, *WORKS], "kind of energy or work"),
+        ("arc_length", "node", "m", arc_length, "distance from the root along the arm at rest"),
+        ("diameter", "node", "m", diameter, "diameter that the water sees"),
+        ("channel_unit", "channel", "", units, "unit of base_command, base_servo and base_pose"),
+    ]
     if dimension == 3:
-        about = {"long_name": "bending toward the directors m_1 and m_2"}
-        found["bending"] = ("bending", ["kappa_1", "kappa_2"], about)
+        about = "bending toward the directors m_1 and m_2"
+        rows.append(("bending", "bending", "", ["kappa_1", "kappa_2"], about))
+    found = described(rows)
+    found["time"][2]["axis"] = "T"
     return found
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Inexact
 from crinoid.dynamics import Modes
 from crinoid.foundation.result_variables import Content, quantity
 from crinoid.results.chunks import pieces
+from crinoid.results.scene.mesh import at_nodes
 from crinoid.scenario import Scenario
 
 Vectors = Float[np.ndarray, "time node axis"]
@@ -107,9 +108,7 @@ def across(
     The tangent at a node is the mean of those of its edges. In the plane the result is the
     component along the normal, from x toward z; in space a vector.
     """
-    before = np.concatenate([tangent[:, :1], tangent], axis=1)
-    after = np.concatenate([tangent, tangent[:, -1:]], axis=1)
-    along = before + after
+    along = at_nodes(tangent)
     if along.shape[2] == 2:
         x, z = along[..., 0], along[..., 1]
         across_it = (vectors[..., 1] * x - vectors[..., 0] * z) / np.sqrt(x**2 + z**2)

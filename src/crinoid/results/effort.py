@@ -17,8 +17,7 @@ from crinoid.scenario import Scenario
 
 EFFORT_TIME = 0.01
 """Time constant that weighs the speed of inputs against the error of the tip (s)."""
-_AT_LIMIT = 1 - 1e-6
-"""Share of the largest thrust that counts as its limit."""
+_AT_LIMIT = 1 - 1e-6  # share of the largest thrust that counts as its limit
 
 
 class InputUse(NamedTuple):
@@ -77,21 +76,15 @@ def solver_use(result: Result) -> SolverUse:
 
 def input_use(result: Result) -> dict[str, InputUse]:
     """Return the use of each input that a controller drives; empty without a controller."""
-    counted = judged(result)
+    data, counted = result.dataset, judged(result)
     if not counted.any():
         return {}
     found = {}
     for name in result.scenario.driven:
-        values, limits = driven(result.dataset, name)[counted], limits_of(result.dataset, name)
+        values, of = driven(data, name)[counted], "channel" if name in data["channel"] else "input"
+        limits = (float(data[f"{of}_{end}"].sel({of: name})) for end in ("lower", "upper"))
         found[name] = InputUse(rms(values), float(values.min()), float(values.max()), *limits)
     return found
-
-
-def limits_of(data: xr.Dataset, name: str) -> tuple[float, float]:
-    """Return the lower and the upper limit of an input."""
-    of = "channel" if name in data["channel"] else "input"
-    lower, upper = (float(data[f"{of}_{end}"].sel({of: name})) for end in ("lower", "upper"))
-    return lower, upper
 
 
 def input_units(data: xr.Dataset) -> dict[str, str]:

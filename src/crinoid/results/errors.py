@@ -9,10 +9,8 @@ from jaxtyping import Bool, Float
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 
-_LAST = 0.1
-"""Share of a run, at its end, that counts as steady."""
-_ROUND = 1e-9
-"""Round-off of times (s)."""
+_LAST = 0.1  # share of a run, at its end, that counts as steady
+_ROUND = 1e-9  # round-off of times (s)
 
 Instants = Bool[np.ndarray, " time"]
 

@@ -6,10 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-_LEAST = 3
-"""Smallest number of maxima."""
-_SAMPLES = 2000
-"""Samples of the same size that give the intervals."""
+_LEAST = 3  # smallest number of maxima
+_SAMPLES = 2000  # samples of the same size that give the intervals
 
 
 class ReturnLevel(NamedTuple):

@@ -15,11 +15,10 @@ from jaxtyping import Bool, Float
 from crinoid.results.chunks import pieces
 from crinoid.results.errors import p95, rms
 from crinoid.results.result import Result
+from crinoid.results.scene.mesh import at_nodes
 
-_GATE = 0.01
-"""Range of a cycle over the largest one below which it does not count."""
-_STRAIGHT = 1e-6
-"""Range of curvature times the arm's length (rad) that is round-off."""
+_GATE = 0.01  # range of a cycle over the largest one below which it does not count
+_STRAIGHT = 1e-6  # range of curvature times the arm's length (rad) that is round-off
 _EXPONENT = 4.0
 """Slope of the fatigue life of rubber over strain: cracks grow with the square of the tearing
 energy, proportional to the square of the strain (Lake and Lindley 1965)."""
@@ -191,8 +190,7 @@ def stretch_at_nodes(part: xr.Dataset) -> Float[np.ndarray, "time node"]:
     """Return the strain of the arm's axis at the nodes, the mean of both edges (1)."""
     edges = np.diff(part["position"].values, axis=1)
     stretch = np.linalg.norm(edges, axis=2) / np.diff(part["arc_length"].values) - 1
-    ends = np.concatenate([stretch[:, :1], stretch, stretch[:, -1:]], axis=1)
-    return np.asarray((ends[:, 1:] + ends[:, :-1]) / 2)
+    return at_nodes(stretch)
 
 
 def bending_cycles(result: Result) -> BendingCycles | None:

@@ -44,10 +44,7 @@ def label_of(name: str) -> str:
 
 
 def main_measures(names: Iterable[str]) -> list[str]:
-    """Return the measures that a table in a terminal shows: the main ones, and those of packages.
-
-    Files have all of them.
-    """
+    """Return the measures of a table in a terminal: the main ones, and those of packages."""
     known = list(names)
     own = [name for name in known if name not in MEASURES]
     return [*(name for name in _MAIN if name in known), *own]

@@ -20,8 +20,6 @@ from crinoid.scenario.own_measure import OwnMeasure
 if TYPE_CHECKING:
     from crinoid.results.result import Result
 
-_HERE = "crinoid.results."
-
 
 class RunStatistics:
     """Statistics of a run, each computed once, when a measure needs it."""
@@ -33,7 +31,7 @@ class RunStatistics:
     def of(self, function: str) -> Any:
         """Return a statistic: the value of a function of this folder, ``module:function``."""
         if function not in self._found:
-            self._found[function] = resolve_name(_HERE + function)(self.result)
+            self._found[function] = resolve_name(f"crinoid.results.{function}")(self.result)
         return self._found[function]
 
 
@@ -272,10 +270,8 @@ def measured(result: Result) -> Measures:
 
 
 CASES = "cases.csv"
-_LONGEST = 1 << 24
-"""Characters of a header beyond which nobody reads it."""
-_CASE, _ENDS = "case", ("status", "directory")
-"""The first column of each table, and the last ones."""
+_LONGEST = 1 << 24  # characters of a header beyond which nobody reads it
+_CASE, _ENDS = "case", ("status", "directory")  # the first column of each table, and the last ones
 
 
 def measure_columns(columns: Sequence[str]) -> list[str]:

@@ -91,10 +91,7 @@ def checked_result(path: Path, *, lazily: bool = False) -> Result:
 
 
 def with_shapes(result: Result, *names: str) -> Result:
-    """Return a result, and that without control, at the instants with a shape to draw.
-
-    The names are those of their files.
-    """
+    """Return both runs of a result, of files with some names, where they have a shape to draw."""
     members = [each for _, each in result.members]
     shown = [_shaped(each.dataset, name) for each, name in zip(members, names, strict=True)]
     found, *other = (Result(data) for data in shown)

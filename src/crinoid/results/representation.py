@@ -8,8 +8,7 @@ from crinoid.results.result import Result
 from crinoid.results.table import equilibrium_summary, summary
 from crinoid.scenario import counted
 
-_ROWS = 6
-"""Most rows of the closing table."""
+_ROWS = 6  # most rows of the closing table
 
 
 def represent(result: Result) -> tuple[str, dict[str, str]]:

@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float
 
 from crinoid.results.result import Result
 
-_AT_END = 1e-3
-"""Distance from the end of the travel, over the travel, that counts as its end."""
+_AT_END = 1e-3  # distance from the end of the travel, over the travel, that counts as its end
 _AT_SPEED, _AT_ACCELERATION = 0.99, 0.95
 """Share of a limit that differences between saved instants reach at saturation."""
 _OF_LIMITS = (
@@ -53,10 +52,11 @@ def _of_channel(data: xr.Dataset) -> AtLimit:
     ends &= np.cumsum(~ends) > 0
     speed = np.diff(servo) / np.diff(time)
     acceleration = np.diff(speed) / (0.5 * (time[2:] - time[:-2]))
+    most = float(data["channel_max_acceleration"])
     return AtLimit(
         float(np.mean(ends)),
-        _share(np.abs(speed) >= _AT_SPEED * float(data["channel_max_speed"])),
-        _share(np.abs(acceleration) >= _AT_ACCELERATION * float(data["channel_max_acceleration"])),
+        float(np.mean(np.abs(speed) >= _AT_SPEED * float(data["channel_max_speed"]))),
+        float(np.mean(np.abs(acceleration) >= _AT_ACCELERATION * most)),
     )
 
 
@@ -77,7 +77,3 @@ def controlled(result: Result) -> Bool[np.ndarray, " time"]:
     """Return the saved instants at which the controller acts."""
     time = result.dataset["time"].values
     return time >= result.scenario.control.start - 1e-9
-
-
-def _share(true: np.ndarray) -> float:
-    return float(np.mean(true)) if true.size else 0.0

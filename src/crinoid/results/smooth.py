@@ -14,8 +14,7 @@ from crinoid.results.errors import steady_from
 
 _SHARPNESS = 100.0
 """Weight of an instant falls by e where its value is less by the largest one over this."""
-_TINY = 1e-24
-"""Square that gives a root a derivative at zero."""
+_TINY = 1e-24  # square that gives a root a derivative at zero
 
 Series = Float[Array, " judged"]
 Number = Float[Array, ""]

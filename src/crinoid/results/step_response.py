@@ -19,8 +19,7 @@ _AWAY = 0.01
 """Distance over the arm's length, or angle (rad), beyond which a tip is away from its target."""
 _NOTHING, _ROUND = 1e-6, 1e-9
 """Deflection over the arm's length that is none; round-off of it, of times (s) and angles (rad)."""
-_LEAST = 10
-"""Saved instants of the shortest response."""
+_LEAST = 10  # saved instants of the shortest response
 
 Times = Float[np.ndarray, " time"]
 Motion = Float[np.ndarray, "time coordinate"]

@@ -24,10 +24,8 @@ from xarray.core import indexing
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 
 _MAGIC = b"CDF\x02"
-_KEY = "checkpoint_key"
-"""Attribute."""
-_BLOCK = 1 << 22
-"""Bytes that are read at once."""
+_KEY = "checkpoint_key"  # attribute
+_BLOCK = 1 << 22  # bytes that are read at once
 _LARGE = {"node", "edge"}
 """Dimensions that make a variable over time stay in the file until it is used."""
 _DEFLATED = 1032

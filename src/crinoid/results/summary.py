@@ -2,7 +2,6 @@
 
 import csv
 import json
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -18,8 +17,7 @@ from crinoid.results.result import Result
 SUMMARY_JSON, SUMMARY_CSV = "summary.json", "summary.csv"
 HEAD = ("name", "value", "uncontrolled", "unit", "meaning")
 """Columns of the table."""
-_FREQUENCIES = 4
-"""Natural frequencies of an equilibrium."""
+_FREQUENCIES = 4  # natural frequencies of an equilibrium
 
 
 class SummaryEntry(NamedTuple):
@@ -54,11 +52,11 @@ def write_summary(result: Result, folder: Path) -> list[Path]:
         "title": attributes.get("title"),
         "status": result.status,
         "seed": int(attributes.get("seed", result.scenario.seed)),
-        **{name: _finite(each.value) for name, each in entries.items()},
+        **{name: known(each.value) for name, each in entries.items()},
     }
     if result.uncontrolled is not None:
         document["uncontrolled"] = {"status": result.uncontrolled.status} | {
-            name: _finite(each.uncontrolled)
+            name: known(each.uncontrolled)
             for name, each in entries.items()
             if each.uncontrolled is not None
         }
@@ -74,13 +72,9 @@ def write_summary(result: Result, folder: Path) -> list[Path]:
         table = csv.writer(file, quoting=csv.QUOTE_NONNUMERIC)
         table.writerow(HEAD)
         for name, each in entries.items():
-            values = (_finite(each.value), _finite(each.uncontrolled))
+            values = (known(each.value), known(each.uncontrolled))
             table.writerow([name, *values, each.unit, each.meaning])
     return paths
-
-
-def _finite(value: float | int | None) -> float | int | None:
-    return None if value is None or not math.isfinite(value) else value
 
 
 def _of_run(result: Result) -> Iterator[tuple[str, SummaryEntry]]:

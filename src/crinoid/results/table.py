@@ -28,15 +28,11 @@ from crinoid.results.units import DEGREES, Unit, length_unit, si_unit
 _NOTHING = 1e-6
 """Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:
 a ratio would be one of round-off. At rest part of the largest load: smaller ones are 0."""
-_ALMOST_NO_LOAD = 1e-4
-"""Load at which round-off is measured where there is none (N)."""
-_ROUND_OFF = 1e-3
-"""Part of that below which a number is round-off, and is written as 0."""
-_STILL = 1e-9
-"""Motion of an input (m, rad or its unit) that is round-off."""
+_ALMOST_NO_LOAD = 1e-4  # load at which round-off is measured where there is none (N)
+_ROUND_OFF = 1e-3  # part of that below which a number is round-off, and is written as 0
+_STILL = 1e-9  # motion of an input (m, rad or its unit) that is round-off
 _LOADS = {"max": "largest {} on {}", "rms": "{} on {}, RMS", "p95": "{} on {}, P95"}
-_FEW_INPUTS = 3
-"""Most inputs that have a row each in the short table."""
+_FEW_INPUTS = 3  # most inputs that have a row each in the short table
 SHARE = Unit(100.0, "%")
 _SELDOM = 1e-3  # share of the time at a limit that is not worth a row
 

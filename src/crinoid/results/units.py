@@ -46,14 +46,11 @@ def length_unit(magnitude: float) -> Unit:
     return Unit(1e3, "mm") if magnitude >= 5e-4 or magnitude == 0.0 else Unit(1e6, "µm")
 
 
-_ROUND_OFF = 1e-6  # share of the arm's length
-
-
 def without_round_off(
     values: Float[np.ndarray, "*shape"], size: float
 ) -> Float[np.ndarray, "*shape"]:
     """Return values with zeros in place of those below a millionth of a size."""
-    return np.where(np.abs(values) < _ROUND_OFF * size, 0.0, values)
+    return np.where(np.abs(values) < 1e-6 * size, 0.0, values)
 
 
 def length_text(length: float) -> str:

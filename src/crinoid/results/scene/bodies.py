@@ -15,8 +15,7 @@ from crinoid.results.scene.scene import Keyframes, Scene
 
 _HULL = (0.34, 6.0), (0.075, 1.5)
 """Half the length and half the width of the submarine: of the arm's length, and at most (m)."""
-_PLATE = 0.1, 1.5
-"""Radius of the plate that is the base of other arms, likewise."""
+_PLATE = 0.1, 1.5  # radius of the plate that is the base of other arms, likewise
 _ENDLESS = 0.5  # half of the drawn length of an endless pole, of the arm's length
 _DISC = 0.08  # half of the drawn length of a pole across a planar arm, of the arm's length
 _WALL = 2.0  # half of the drawn side of a wall, of the arm's length
@@ -93,23 +92,24 @@ def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> li
     ``thick`` is the radius of the arm at its root. A hull that the arm can touch has its size. Any
     other submarine has a hull, any other base is a plate; neither is of its true size.
     """
-    thick = min(thick, _STOUT * length)
-    if mount.hull is not None:
+    thick, leaves = min(thick, _STOUT * length), mount.level_direction
+    along = look_rotation(mount.direction, _UP)
+    attitude = mount.attitude @ look_rotation(leaves, _UP)
+    if mount.hull is not None:  # the arm leaves its nose
         long, wide = (size / 2 for size in mount.hull)
-        shape, (nose, attitude) = BodyShape("capsule", long - wide, wide), _hull_pose(mount, root)
+        shape, nose = BodyShape("capsule", long - wide, wide), mount.anchor
+        if not mount.floats:
+            nose, attitude = root, along
         middle = nose - long * attitude[:, :, 0]
-    elif mount.floats:
-        long, wide = (min(share * length, most) for share, most in _HULL)
-        half = np.array([long, wide, wide])
-        # the arm leaves the hull where a line from its middle in the arm's direction does
-        out = half**2 * mount.level_direction
-        out /= np.linalg.norm(half * mount.level_direction) or 1.0
-        shape, attitude = BodyShape("ellipsoid", long, wide), mount.attitude
     else:
         shape = BodyShape("rod", _JOINT * thick / 2, min(_PLATE[0] * length, _PLATE[1]))
-        out = shape.half * mount.level_direction
-        attitude = mount.attitude @ look_rotation(mount.level_direction, _UP)
-    if mount.hull is None:
+        out = shape.half * leaves
+        if mount.floats:
+            long, wide = (min(share * length, most) for share, most in _HULL)
+            half = np.array([long, wide, wide])
+            # the arm leaves the hull where a line from its middle in the arm's direction does
+            out = half**2 * leaves / (np.linalg.norm(half * leaves) or 1.0)
+            shape, attitude = BodyShape("ellipsoid", long, wide), mount.attitude
         middle = mount.anchor - np.einsum("tij,j->ti", mount.attitude, out)
     found = [_body("hull" if mount.has_hull else "base", "base", shape, middle, attitude)]
     way, reach = _spanned(root - mount.anchor)
@@ -124,15 +124,8 @@ def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> li
     return [
         *found,
         _body("joint", "base", _ball(_JOINT * thick), root),
-        _body("clamp", "base", clamp, middle, look_rotation(mount.direction, _UP)),
+        _body("clamp", "base", clamp, middle, along),
     ]
-
-
-def _hull_pose(mount: ArmMount, root: Path) -> tuple[Path, Rotations]:
-    """Return where the nose of the hull is, and the attitude of its axis, the first column."""
-    if mount.floats:
-        return mount.anchor, mount.attitude @ look_rotation(mount.level_direction, _UP)
-    return root, look_rotation(mount.direction, _UP)
 
 
 def _spanned(shift: Path) -> tuple[Path, Float[np.ndarray, " time"]]:

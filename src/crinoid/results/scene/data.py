@@ -52,16 +52,19 @@ def moves(path: Float[np.ndarray, "time axis"]) -> bool:
 
 def arm_length(data: xr.Dataset) -> float:
     """Length of the arm's first recorded shape in m, never zero."""
-    steps = np.diff(in_space(data, "position")[0], axis=0)
-    return float(np.linalg.norm(steps, axis=-1).sum()) or 1.0
+    return float(_first_edges(data).sum()) or 1.0
 
 
 def arc_length(data: xr.Dataset) -> Float[np.ndarray, " node"]:
     """Arc length of the nodes (m), of the first recorded shape in results without it."""
     if "arc_length" in data:
         return np.asarray(data["arc_length"].values, float)
-    steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(_first_edges(data))])
+
+
+def _first_edges(data: xr.Dataset) -> Float[np.ndarray, " edge"]:
+    steps = np.diff(in_space(data.isel(time=[0]), "position")[0], axis=0)
+    return np.linalg.norm(steps, axis=-1)
 
 
 def has_target(result: Result) -> bool:

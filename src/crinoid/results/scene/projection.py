@@ -15,7 +15,6 @@ from jaxtyping import Float
 from crinoid.foundation.axes import AXES
 from crinoid.results.scene.data import in_space
 
-_AXES = AXES[3]
 Triple = tuple[float, float, float]
 PaperPoint = Float[np.ndarray, "axis=2"]
 PaperPoints = Float[np.ndarray, "... axis=2"]
@@ -50,7 +49,7 @@ class View:
     @property
     def labels(self) -> list[str]:
         """Labels of the axes of the paper."""
-        return [f"{_AXES[axis]} (m)" for axis in self.axes]
+        return [f"{AXES[3][axis]} (m)" for axis in self.axes]
 
     @property
     def plane(self) -> Float[np.ndarray, "2 axis=3"]:

@@ -170,13 +170,10 @@ class Scene:
 
 
 def build_scene(result: Result, most: int | None = None, most_nodes: int | None = None) -> Scene:
-    """Return the scene of a run, and of the one without control where it exists.
-
-    With numbers each has at most as many instants and nodes.
-    """
+    """Return the scene of both runs of a result, each of at most so many instants and nodes."""
     data = result.dataset
     runs = tuple(keyframes(label, each, most, most_nodes) for label, each in result.members)
-    length, aims = arm_length(data.isel(time=[0])), has_target(result)
+    length, aims = arm_length(data), has_target(result)
     return Scene(is_spatial(data), length, data.sizes["node"], runs, aims)
 
 
@@ -202,9 +199,7 @@ def omission_notes(scene: Scene) -> list[str]:
     ]
 
 
-def keyframes(
-    label: str, result: Result, most: int | None = None, most_nodes: int | None = None
-) -> Keyframes:
+def keyframes(label: str, result: Result, most: int | None, most_nodes: int | None) -> Keyframes:
     """Return a run, at no more than a number of instants and nodes."""
     data = result.dataset
     records = data.sizes["time"]

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from crinoid.results.report_error import ReportError
 from crinoid.results.scene.bodies import COLOURS, RigidBody, rigid_bodies
-from crinoid.results.scene.data import Points, even_indices
+from crinoid.results.scene.data import Points, arc_length, even_indices
 from crinoid.results.scene.mesh import AROUND, Mesh, Rotations, quaternions, revolve
 from crinoid.results.scene.mount import Path as Places
 from crinoid.results.scene.scene import Keyframes
@@ -37,19 +37,16 @@ class Skin:
 
 def skin_of(data: xr.Dataset, run: Keyframes) -> Skin:
     """Return the skin of an arm at its chosen nodes."""
-    steps = np.linalg.norm(np.diff(run.position[0], axis=0), axis=1)
-    arc_length = np.concatenate([[0.0], np.cumsum(steps)])
-    if "arc_length" in data:
-        chosen = even_indices(data.sizes["node"], run.diameter.size)
-        arc_length = np.asarray(data["arc_length"].values, float)[chosen]
-    edges = arc_length.size - 1
+    chosen = even_indices(data.sizes["node"], run.diameter.size)
+    rest = arc_length(data.isel(time=run.at[:1]))[chosen]
+    edges = rest.size - 1
     each = max(1, math.ceil(_RINGS / edges))
     share = np.append(np.tile(np.arange(each) / each, edges), 1.0)
     first = np.append(np.repeat(np.arange(edges), each), edges - 1)
     # weights of zero slope at the nodes avoid a kink there
     second = share**2 * (3.0 - 2.0 * share)
-    along = arc_length[first] + share * np.diff(arc_length)[first]
-    radius = np.interp(along, arc_length, run.diameter / 2)
+    along = rest[first] + share * np.diff(rest)[first]
+    radius = np.interp(along, rest, run.diameter / 2)
     sides = np.stack([along, radius, np.zeros_like(along), np.ones_like(along)], axis=1)
     ends = [(along[0], 0.0, -1.0, 0.0), (along[0], radius[0], -1.0, 0.0)]
     begins = [(along[-1], radius[-1], 1.0, 0.0), (along[-1], 0.0, 1.0, 0.0)]
@@ -57,7 +54,7 @@ def skin_of(data: xr.Dataset, run: Keyframes) -> Skin:
     rings = np.concatenate([[0, 0], np.arange(along.size), [along.size - 1] * 2])
     point = np.repeat(rings, AROUND)
     nodes = np.stack([first, first + 1], axis=1)[point]
-    return Skin(mesh, arc_length, nodes, np.stack([1.0 - second, second], axis=1)[point])
+    return Skin(mesh, rest, nodes, np.stack([1.0 - second, second], axis=1)[point])
 
 
 _UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

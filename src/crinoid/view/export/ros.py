@@ -171,34 +171,26 @@ def _joints(data: xr.Dataset, topic: str, stamps: Stamps) -> Messages:
 
 def _markers(scene: Scene, run: Keyframes, stamps: Stamps, report: Report) -> Messages:
     """Yield the arm, a line of its diameter, and the bodies around it, for the eye."""
+    level = _pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
     edge = (run.diameter[1:] + run.diameter[:-1]) / 2
     # a line has one width: an arm that tapers has a line on each edge
     ends = np.flatnonzero(~np.isclose(np.diff(edge), 0.0, atol=1e-9)) + 1
     strips = np.split(np.arange(edge.size), ends)
-    every = rigid_bodies(scene, run)
-    bodies = [part for body in every if body.shape.solid is None for part in _marked(body)]
-    solids = [body for body in every if body.shape.solid is not None]
+    around = rigid_bodies(scene, run)
+    bodies = [part for body in around if body.shape.solid is None for part in _marked(body)]
+    solids = [body for body in around if body.shape.solid is not None]
     for row, time in enumerate(stamps.tolist()):
         header = _header(time, WORLD)
         points = [_vector(place) for place in run.position[row]]
-        arm = [
-            {
-                "ns": "arm",
-                "id": number,
-                "type": _LINE_STRIP,
-                "pose": _pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
-                "scale": {"x": float(edge[strip[0]])},
-                "color": _colour("arm"),
-                "points": points[strip[0] : strip[-1] + 2],
-            }
-            for number, strip in enumerate(strips)
-        ]
+        arm = []
+        for number, strip in enumerate(strips):
+            look: Message = {"scale": {"x": float(edge[strip[0]])}, "color": _colour("arm")}
+            look["points"] = points[strip[0] : strip[-1] + 2]
+            arm.append(_marker("arm", number, _LINE_STRIP, level) | look)
         # a viewer keeps those that stay
         moved = [_solid(each, row) for each in solids if not row or each.moves]
-        found = [
-            {"header": header, **marker}
-            for marker in (*arm, *(each(row) for each in bodies), *moved)
-        ]
+        every = (*arm, *(each(row) for each in bodies), *moved)
+        found = [{"header": header, **marker} for marker in every]
         yield time, "/arm/markers", "visualization_msgs/msg/MarkerArray", {"markers": found}
         report(row + 1, stamps.size)
 
@@ -207,15 +199,14 @@ def _solid(body: RigidBody, row: int) -> Message:
     """Return the marker of a solid from a file, a list of triangles."""
     assert body.shape.solid is not None
     corners = body.shape.solid.points[body.shape.solid.facets.ravel()]
-    return {
-        "ns": body.name,
-        "id": 0,
-        "type": _TRIANGLES,
-        "pose": _pose(body.position[row], quaternions(body.attitude[[row]])[0]),
-        "scale": _vector(np.ones(3)),
-        "color": _colour(body.kind),
-        "points": [_vector(corner) for corner in corners],
-    }
+    pose = _pose(body.position[row], quaternions(body.attitude[[row]])[0])
+    look = {"scale": _vector(np.ones(3)), "color": _colour(body.kind)}
+    points = [_vector(corner) for corner in corners]
+    return _marker(body.name, 0, _TRIANGLES, pose) | look | {"points": points}
+
+
+def _marker(name: str, number: int, kind: int, pose: Message) -> Message:
+    return {"ns": name, "id": number, "type": kind, "pose": pose}
 
 
 def _marked(body: RigidBody) -> Iterator[Callable[[int], Message]]:
@@ -232,11 +223,10 @@ def _marked(body: RigidBody) -> Iterator[Callable[[int], Message]]:
         def marker(
             row: int, number: int = number, kind: int = kind, sizes: Any = sizes, at: Any = place
         ) -> Message:
-            found: Message = {"ns": body.name, "id": number, "type": kind}
+            found = _marker(body.name, number, kind, _pose(at[row], turn[row]))
             if not sizes[row].any():  # it is hidden
-                return found | {"action": _DELETE, "pose": _pose(at[row], turn[row])}
-            look = {"scale": _vector(sizes[row]), "color": _colour(body.kind)}
-            return found | look | {"pose": _pose(at[row], turn[row])}
+                return found | {"action": _DELETE}
+            return found | {"scale": _vector(sizes[row]), "color": _colour(body.kind)}
 
         yield marker
 

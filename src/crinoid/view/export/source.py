@@ -88,8 +88,13 @@ class Shapes(Source):
         return arm_attitudes(run.position, None if director is None else director[:, chosen[:-1]])
 
 
-def find_result(path: Path) -> Path:
-    """Return the file of a result from its folder or its own path."""
+def find_source(path: Path, form: Format) -> Path:
+    """Return the file of a result, or of a policy, from its folder or its own path."""
+    if form.accepts == "policy":
+        path = path / POLICY if path.is_dir() else path
+        if not path.is_file():
+            raise ReportError(f"{path}: no such file; must be a policy that crinoid train wrote")
+        return path
     if is_policy(path / POLICY if path.is_dir() and not (path / RESULT).exists() else path):
         raise ReportError(f"{path}: is a policy. Export it with --to onnx.")
     if path.is_dir():
@@ -99,20 +104,6 @@ def find_result(path: Path) -> Path:
         return path / RESULT
     require_path(path)
     return path
-
-
-def find_policy(path: Path) -> Path:
-    """Return the file of a policy from the folder of its training or its own path."""
-    if path.is_dir():
-        path = path / POLICY
-    if not path.is_file():
-        raise ReportError(f"{path}: no such file; must be a policy that crinoid train wrote")
-    return path
-
-
-def find_source(path: Path, form: Format) -> Path:
-    """Return the file of a result, or of a policy, from its folder or its own path."""
-    return find_policy(path) if form.accepts == "policy" else find_result(path)
 
 
 def open_source(

@@ -19,10 +19,7 @@ Values = Float[np.ndarray, "time ..."]
 
 
 def write_usd(source: Shapes, files: Files, report: Report) -> list[str]:
-    """Write a stage (z up, metres): the arm as a curve with widths, and rigid bodies around it.
-
-    The layer has its source as custom data.
-    """
+    """Write a stage (z up, metres): the arm as a curve with widths, and rigid bodies around it."""
     run, turn = source.run, source.attitudes
     stage = Usd.Stage.CreateInMemory(".usda")
     stage.GetRootLayer().customLayerData = source.attributes

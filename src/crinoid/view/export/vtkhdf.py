@@ -19,7 +19,6 @@ from crinoid.results.scene.mesh import at_nodes, unit_vectors
 from crinoid.view.export.source import Files, Report, Shapes, Source
 from crinoid.view.export.table import parts_of
 
-_VERSION = (2, 0)
 _CELLS = ("Vertices", "Lines", "Polygons", "Strips")
 
 Numbers = Float[np.ndarray, "..."] | Int[np.ndarray, "..."]
@@ -32,7 +31,7 @@ class PolyData:
     def __init__(self, file: netCDF4.Dataset, time: Numbers, points: int) -> None:
         self._file, self._count, self._points = file, time.size, points
         self._root = file.createGroup("VTKHDF")
-        self._root.setncattr("Version", np.array(_VERSION, "i8"))
+        self._root.setncattr("Version", np.array([2, 0], "i8"))
         self._root.setncattr("Type", "PolyData")
         self._steps = self._root.createGroup("Steps")
         self._steps.setncattr("NSteps", np.int64(time.size))
@@ -121,10 +120,7 @@ Named = Iterator[tuple[str, str, Float[np.ndarray, "time ..."]]]  # names, units
 
 
 def write_vtkhdf(source: Shapes, files: Files, report: Report) -> list[str]:
-    """Write the arm as a line with its variables, and rigid bodies around it as surfaces.
-
-    Returns notes on numbers that are not finite.
-    """
+    """Write the arm and the bodies around it; return notes on numbers that are not finite."""
     arm, surroundings = files
     notes = write_arm(source, arm, report)
     write_bodies(source, rigid_bodies(source.scene, source.run), surroundings)
@@ -132,10 +128,7 @@ def write_vtkhdf(source: Shapes, files: Files, report: Report) -> list[str]:
 
 
 def write_arm(source: Source, path: Path, report: Report) -> list[str]:
-    """Write the arm as one line through its nodes, with all variables along it.
-
-    Returns notes on numbers that are not finite.
-    """
+    """Write the arm as one line through its nodes, with all variables along it; return notes."""
     data, records = source.data, source.records
     nodes, lacking = data.sizes["node"], []
     with poly_data(path, source, nodes) as poly:
@@ -169,10 +162,7 @@ def write_arm(source: Source, path: Path, report: Report) -> list[str]:
 
 
 def write_bodies(source: Source, bodies: list[RigidBody], path: Path) -> None:
-    """Write rigid bodies as surfaces: of each triangle ``body`` and ``kind`` by number.
-
-    Numbers of kinds are those of `KINDS`.
-    """
+    """Write rigid bodies as surfaces: of each triangle its body and its place in `KINDS`."""
     meshes = [body.shape.mesh() for body in bodies]
     before = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     triangles = [mesh.triangles + at for mesh, at in zip(meshes, before, strict=False)]

@@ -14,21 +14,14 @@ from crinoid.scenario.errors import got, refusal
 from crinoid.view.export.source import Files, Report, Table
 from crinoid.view.export.table import columns_of, note_on_empty, rows_of
 
-_MOST_COLUMNS = 16_384
-"""Columns of a sheet of Excel."""
-_WIDTH = 14
-"""Least width of a column, in characters."""
+_MOST_COLUMNS = 16_384  # columns of a sheet of Excel
+_WIDTH = 14  # least width of a column, in characters
 
 Row = Iterable[str | float | None]
 
 
 def write_xlsx(source: Table, files: Files, report: Report) -> list[str]:
-    """Write the sheets of a run: measures, the table of `write_csv`, its chart, and its variables.
-
-    Angles are in degrees.
-
-    Returns notes on numbers that are not finite.
-    """
+    """Write measures, the table of `write_csv`, its chart and its variables, angles in degrees."""
     columns = columns_of(source)
     if len(columns) >= _MOST_COLUMNS:
         must = f"be fewer than {_MOST_COLUMNS} columns"
