@@ -207,7 +207,7 @@ def test_an_arm_at_rest_has_zeros_on_a_readable_axis():
     data["tip_position"] = data["tip_target"] + 1e-11 * np.sin(data["time"])
     data["tip_error"] = 1e-11 * abs(np.sin(data["time"]))
     run = Result(data)
-    charts = [chart for _, chart in charts_of(run)]
+    charts = charts_of(run)
     made = plots_of(charts, 0.0, 5.0)
     panels = {each["name"]: each for chart in made.charts for each in chart["panels"]}
     assert panels["tip_spectrum"]["nothing"] == "the tip does not move"

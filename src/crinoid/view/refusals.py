@@ -6,10 +6,8 @@ from pathlib import Path
 from crinoid.results.report_error import ReportError
 from crinoid.scenario.errors import got, one_of
 
-FIGURES = ("png", "pdf", "svg")
-"""Formats of figures."""
-_KEPT = (".nc", ".csv", ".eqx")
-"""Endings of results, tables of studies, and policies."""
+FIGURES = ("png", "pdf", "svg")  # formats of figures
+_KEPT = (".nc", ".csv", ".eqx")  # endings of results, tables of studies, and policies
 
 
 _INCHES = {"mm": 1 / 25.4, "cm": 1 / 2.54, "in": 1.0}

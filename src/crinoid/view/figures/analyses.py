@@ -184,10 +184,10 @@ def draw_modes(modes: xr.Dataset) -> Figure:
     title = str(modes.attrs.get("title", "")).strip() or "modes"
     status = str(modes.attrs.get("status", "")) or Status.OK.value
     blocks = [_HEADING + rows * (float(extent[1]) * inch + _GAP[1]) for extent in extents]
-    top = style.head_height(title, status, style.width()) + sum(blocks) + _BELOW
+    top = style.head_height(title, status) + sum(blocks) + _BELOW
     figure = Figure(figsize=(style.width(), top))
     style.head(figure, title, status)
-    top -= style.head_height(title, status, style.width())
+    top -= style.head_height(title, status)
     for here, (low, high), block in zip(media, windows, blocks, strict=True):
         medium = str(here["medium"].item())
         place = (_LEFT / style.width(), (top - 0.22) / float(figure.get_size_inches()[1]))

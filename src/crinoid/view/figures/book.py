@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.sea_record import RECORD
 from crinoid.analysis.state_space import RESPONSE
-from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
@@ -41,7 +40,7 @@ from crinoid.view.figures.shape import (
 )
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.study import read_cases, study_of
-from crinoid.view.page.parts import PAGE
+from crinoid.view.page.parts import PAGE, report_file
 from crinoid.view.page.study import about_study, write_study
 from crinoid.view.page.write import write_run
 from crinoid.view.refusals import require_figures, require_path, width_of
@@ -153,6 +152,9 @@ _FINDINGS = {
 """Findings by the names of their files, which may be in the folder of a result."""
 
 
+_PAGE_ALONE = ("spectrum", "effort")  # charts that are no figures
+
+
 class _Form(NamedTuple):
     """Format of figures, and their width for a paper (inches)."""
 
@@ -202,10 +204,9 @@ def _run(path: Path) -> Part:
     figures |= {"tip_path": draw_close_up} if changes else {}
     figures |= {"bending": draw_bending} | ({"cycles": draw_cycles} if has_cycles(run) else {})
     drawn = {name: partial(draw, run) for name, draw in figures.items()}
-    charts = [("section_loads", section_load_chart(run)), *(charts_of(run) if changes else ())]
-    for name, chart in charts:
-        if name and chart is not None:
-            drawn[name] = partial(draw_chart, chart, run.dataset, run.title)
+    for chart in (section_load_chart(run), *(charts_of(run) if changes else ())):
+        if chart is not None and chart.name not in _PAGE_ALONE:
+            drawn[chart.name] = partial(draw_chart, chart, run.dataset, run.title)
     return Part(path, run.dataset, run, drawn)
 
 
@@ -263,12 +264,8 @@ def _save(draw: Callable[[], Figure], path: Path, source: Path, width: float | N
         "pdf": {"Creator": program, "Subject": source.name, "CreationDate": None},
         "svg": {"Creator": program, "Source": source.name, "Date": None},
     }
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with style.printed(width), atomic_write(path) as temporary:
-            figure = draw()
-            style.space_numbers(figure)
-            figure.savefig(temporary, format=form, facecolor="white", metadata=metadata[form])
-    except OSError as error:
-        raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
+    with report_file(path, "figure") as temporary, style.printed(width):
+        figure = draw()
+        style.space_numbers(figure)
+        figure.savefig(temporary, format=form, facecolor="white", metadata=metadata[form])
     return path

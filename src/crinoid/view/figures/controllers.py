@@ -235,7 +235,7 @@ def draw_response(data: xr.Dataset) -> Figure:
     across = style.columns(3.0, _OF_RESPONSES)
     rows = math.ceil(len(names) / across)
     figure = style.new_figure(0.6 + 3.2 * rows)
-    style.head(figure, str(data.attrs.get("title", "")), "ok")
+    style.head_of(figure, data)
     ratios = [2.0, 1.3] * rows
     grid = figure.subplots(2 * rows, across, sharex=True, squeeze=False, height_ratios=ratios)
     pairs = [pair for row in range(rows) for pair in grid[2 * row : 2 * row + 2].T]

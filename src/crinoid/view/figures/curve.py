@@ -5,9 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from crinoid.results.scene.data import even_indices, in_space, is_spatial
@@ -56,14 +54,11 @@ def draw_curve(data: xr.Dataset) -> Figure:
 def _draw_shapes(figure: Figure, axes: Axes, data: xr.Dataset, label: str, x: np.ndarray) -> None:
     view = OBLIQUE if is_spatial(data) else SIDE
     points = view.paper(in_space(data, "position"))
-    colours: dict[str, Any] = {
-        "cmap": style.time_map(),
-        "norm": Normalize(float(x.min()), float(x.max())),
-    }
     chosen = even_indices(x.size, _SHAPES)
     for branch, shapes in zip(data["branch"].values, points, strict=True):
         look = {"linestyles": _LOOKS[str(branch)], "linewidths": 0.9}
-        axes.add_collection(LineCollection(shapes[chosen], array=x[chosen], **colours, **look))
+        lines = LineCollection(shapes[chosen], **style.timed(x, chosen), **look)
+        axes.add_collection(lines)
     axes.plot(*points[0, :1, 0].T, color=style.INK, marker="s", markersize=4.0)
     axes.autoscale_view()
     axes.set_aspect("equal", adjustable="datalim")
@@ -72,8 +67,7 @@ def _draw_shapes(figure: Figure, axes: Axes, data: xr.Dataset, label: str, x: np
         axes.set(xlabel=across, ylabel=up)
     else:
         axes.set_axis_off()
-    bar = figure.colorbar(ScalarMappable(colours["norm"], colours["cmap"]), ax=axes, label=label)
-    bar.ax.grid(visible=False)
+    figure.colorbar(lines, ax=axes, label=label).ax.grid(visible=False)
 
 
 def _unit(values: xr.DataArray) -> Unit:

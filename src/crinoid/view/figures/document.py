@@ -12,11 +12,8 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__, versions
-from crinoid.results.own_files import is_own
-from crinoid.results.report_error import ReportError
 from crinoid.results.result import Result
 from crinoid.results.scene.data import is_spatial
 from crinoid.results.scene.projection import SIDE
@@ -26,12 +23,12 @@ from crinoid.view.figures import style
 from crinoid.view.figures.arm import points_of, smooth_arm
 from crinoid.view.figures.perspective import draw_over_time
 from crinoid.view.figures.sheet import box_around, draw_in
+from crinoid.view.page.parts import report_file
 
 DOCUMENT = "report.pdf"
 
 _A4 = 8.27, 11.69  # inches
 _MARGIN, _FOOT = 0.75, 0.45  # inches, the foot that of the number of a page
-_HEAD: Any = {"fontsize": 14.0, "va": "top"}
 _LINE = 0.175  # inches between two lines
 _MOST_LINES = int((_A4[1] - 2 * _MARGIN - 0.9) / _LINE)  # of a page
 
@@ -49,7 +46,6 @@ CAPTIONS = {
     "energy": "Stored energies, works, and the defect of their balance.",
     "vortices": "Frequency of the shedding of vortices along the arm, and their force at the tip.",
     "contact": "Times, forces and distances of contacts.",
-    "effort": "Iterations of Newton's method in each time step.",
     "flow": "Velocity of the current over time.",
     "spectrum": "Spectral density of the current.",
     "profile": "Mean and standard deviation of the current over the height.",
@@ -65,7 +61,6 @@ CAPTIONS = {
     "optimise": "Measures of the trials over each number.",
     "tune": "Measures of the trials over each number.",
     "training": "Cost and error over the updates of the policy.",
-    "means": "Means over seeds, with intervals of 95 %.",
 }
 """Captions of figures by their names."""
 
@@ -86,21 +81,15 @@ class Part(NamedTuple):
 
 def write_document(path: Path, parts: list[Part]) -> Path:
     """Write the document of the files of a folder; the first one gives its title."""
-    if path.exists() and not is_own(path):
-        raise ReportError(f"{path}: not written by crinoid. Move it away first.")
     first = parts[0]
     made = f"crinoid {__version__}"
     about = {"Title": first.title, "Author": made, "Creator": made, "Subject": first.source.name}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with (
-            style.printed(_A4[0] - 2 * _MARGIN),
-            atomic_write(path) as temporary,
-            PdfPages(temporary, metadata=about) as pdf,
-        ):
-            _Pages(pdf).write(parts)
-    except OSError as error:
-        raise ReportError(f"{path}: cannot write the document ({error.strerror})") from error
+    with (
+        report_file(path, "document") as temporary,
+        style.printed(_A4[0] - 2 * _MARGIN),
+        PdfPages(temporary, metadata=about) as pdf,
+    ):
+        _Pages(pdf).write(parts)
     return path
 
 
@@ -195,7 +184,8 @@ class _Pages(NamedTuple):
         look |= {"va": "top", "parse_math": False, "fontsize": 8.0}
         for begin in range(0, len(rows), _MOST_LINES):
             page = Figure(figsize=_A4)
-            page.text(*_at(0.0, 0.0), f"{head}, continued" if begin else head, **_HEAD)
+            words = f"{head}, continued" if begin else head
+            page.text(*_at(0.0, 0.0), words, fontsize=14.0, va="top")
             shown = rows[begin : begin + _MOST_LINES]
             for index, row in enumerate([heads, *shown] if heads else shown):
                 for cell, left in zip(row, across, strict=False):

@@ -158,10 +158,7 @@ def paint(
 def wall_outlines(
     obstacles: Iterable[Obstacle], low: Point, high: Point, view: View
 ) -> tuple[list[PaperPoints], list[PaperPoints]]:
-    """Return the outlines of walls at an instant within a box.
-
-    The first ones are behind all bodies; of the others the eye is inside.
-    """
+    """Return outlines of walls in a box: those behind all bodies, and those around the eye."""
     behind: list[PaperPoints] = []
     before: list[PaperPoints] = []
     for body in (body for body in obstacles if body.kind == "plane"):

@@ -14,10 +14,8 @@ _COLOURS |= dict(zip(("along", "across"), (style.BLUE, style.VERMILLION), strict
 _COLOURS |= style.AXIS_COLOURS
 _SPANS = ((2 * 86400.0, 86400.0, "days"), (2 * 3600.0, 3600.0, "h"), (0.0, 1.0, "s"))
 """Shortest record (s) that is drawn over a unit of time, the unit (s), and its name."""
-_DRAWN = 20_000
-"""Samples that are drawn at most: more lie on each other."""
-_DECADES = 6
-"""Powers of ten on the axis of a spectrum."""
+_DRAWN = 20_000  # samples that are drawn at most: more lie on each other
+_DECADES = 6  # powers of ten on the axis of a spectrum
 
 
 def draw_record(data: xr.Dataset) -> Figure:

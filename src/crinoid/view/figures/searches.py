@@ -91,10 +91,7 @@ def draw_training(data: xr.Dataset) -> Figure:
 
 
 def draw_identification(data: xr.Dataset) -> Figure:
-    """Draw each coordinate as measured and as computed over time or holds, and its residual below.
-
-    Each marker has a line.
-    """
+    """Draw each coordinate as measured and as computed over time or holds, and its residual."""
     names = [str(name) for name in data["quantity"].values]
     found = [_found(data.sel(parameter=each)) for each in data["parameter"].values]
     figure = style.new_figure(0.9 + 2.7 * len(names) + 0.17 * len(found))

@@ -43,16 +43,21 @@ _KAPPAS = ("kappa_1", "kappa_2")
 _STRAIGHT = 1e-9  # N: less is nothing
 
 
+def quantities_along(data: xr.Dataset) -> list[str]:
+    """Return those of `ROWS` that an arm has, in the plane or in space."""
+    return [*_KAPPAS, "twist", "tension"] if is_spatial(data) else ["curvature", "tension"]
+
+
 def draw_bending(run: Result) -> Figure:
     """Draw bending, tension and twist along the arm, in space below the arm at the end."""
     spatial, count = is_spatial(run.dataset), len(run.members)
-    rows = ["kappa_1", "kappa_2", "twist", "tension"] if spatial else ["curvature", "tension"]
+    rows = quantities_along(run.dataset)
     rows = [name for name in rows if not _is_nothing(run, name)] or rows[:1]
     lines = style.scale() * (0.5 + 1.6 * len(rows))
     across = 1 if style.narrow() else count
     high = 2.3 if style.narrow() else 3.5 if count == 1 else 2.5
     arms = high * (count // across) if spatial else 0.15
-    above = style.head_height(run.title, run.status, style.width()) + (0.3 if spatial else 0.05)
+    above = style.head_height(run.title, run.status) + (0.3 if spatial else 0.05)
     tall = lines + arms + above
     figure = Figure(figsize=(style.width(), tall), layout="constrained")
     style.head(figure, run.title, run.status)
@@ -204,9 +209,7 @@ def draw_shape(run: Result) -> Figure:
 def _panels(
     low: PaperPoint, high: PaperPoint, run: Result, about: str
 ) -> tuple[Figure, list[Axes], bool]:
-    """Make equal panels that show a window, the title and colour bar around them.
-
-    Return them, and whether the key has room beside them.
+    """Make equal panels that show a window; also tell whether the key has room beside them.
 
     `about` is the origin of positions, other than that of the world. Equal axes leave a layout
     engine gaps, so the figure is cut to the panels instead; everything here is in inches.
@@ -226,7 +229,7 @@ def _panels(
     left += 0.0 if beside else free / 2
     inner = rows * panel[1] + (rows - 1) * gap[1]
 
-    above = style.head_height(run.title, run.status, style.width()) + (0.3 if count > 1 else 0.22)
+    above = style.head_height(run.title, run.status) + (0.3 if count > 1 else 0.22)
     tall = below + inner + above
     figure = Figure(figsize=(style.width(), tall))
     style.head(figure, run.title, run.status)

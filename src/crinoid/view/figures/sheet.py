@@ -69,10 +69,9 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
         draw_key(axes, corner, largest(current.instants), current.scale)
     for artist in (*axes.collections, *axes.texts):
         artist.set_in_layout(False)  # layout engines overestimate the size of arrows
-    axes.set(
-        xlim=_shared(axes.get_shared_x_axes().get_siblings(axes), axes, axes.get_xlim(), across)
-    )
-    axes.set(ylim=_shared(axes.get_shared_y_axes().get_siblings(axes), axes, axes.get_ylim(), up))
+    across = _shared(axes.get_shared_x_axes().get_siblings(axes), axes, axes.get_xlim(), across)
+    up = _shared(axes.get_shared_y_axes().get_siblings(axes), axes, axes.get_ylim(), up)
+    axes.set(xlim=across, ylim=up)
     axes.set_aspect("equal", adjustable="box")  # "datalim" refuses axes that share both
 
 
@@ -140,7 +139,7 @@ def draw_sheet(run: Result) -> Figure:
         block = fit(high - low, room, 4.0, 0.6)
     below, between = 0.5, 0.95 * style.scale()
     below += style.BAR_BELOW if style.narrow() else 0.0
-    above = style.head_height(run.title, run.status, style.width()) + (0.26 if alone else 0.52)
+    above = style.head_height(run.title, run.status) + (0.26 if alone else 0.52)
     inner = count * block.height + (count - 1) * between
     figure = Figure(figsize=(style.width(), below + inner + above))
     style.head(figure, run.title, run.status)
@@ -177,10 +176,7 @@ def draw_sheet(run: Result) -> Figure:
 
 
 def fit(extent: Point, room: float, tallest: float, corner: float) -> Block:
-    """Find the scale at which three views of a window (m) fill a room (inches).
-
-    They leave a corner of at least some width and nearly that height.
-    """
+    """Find the scale at which views of a window (m) fill a room but for a corner (inches)."""
     wide, deep, high = extent
     room, tallest, low = room - GAP[0], tallest - GAP[1], 0.8 * corner
     across = min((room - corner) / wide, room / (wide + deep))

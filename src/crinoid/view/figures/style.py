@@ -47,7 +47,6 @@ _LINE = 0.185  # inches, a line of the title
 _KEY: Any = {"bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2, "borderpad": 0.1}
 _KEY |= {"columnspacing": 1.6, "handlelength": 1.9}
 _HANDLE = 3.5  # heights of letters that an entry of a legend has besides its words
-_TITLE: Any = {"fontsize": 10.5}
 
 STYLE: Any = {
     "font.family": "sans-serif",
@@ -143,8 +142,8 @@ def time_map() -> Colormap:
 
 
 def time_norm(time: Float[np.ndarray, " time"]) -> Normalize:
-    """From the times of a run to their positions among the colours."""
-    return Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
+    """From the times of a run, or other numbers, to their positions among the colours."""
+    return Normalize(float(time.min()), float(max(time.max(), time.min() + 1e-12)))
 
 
 def timed(time: Float[np.ndarray, " time"], records: Int[np.ndarray, " chosen"]) -> dict[str, Any]:
@@ -227,14 +226,14 @@ def head(figure: Figure, title: str, status: str) -> None:
     Figures of a paper have no title.
     """
     wide, tall = figure.get_size_inches()
-    lines, notes = _head_lines(title, status, wide)
+    lines, notes = _head_lines(title, status)
     x, y = _EDGE / wide, 1.0 - _EDGE / tall
     literal: Any = {"va": "top", "parse_math": False}
     if lines:
-        figure.text(x, y, "\n".join(lines), **literal, **_TITLE)
+        figure.text(x, y, "\n".join(lines), fontsize=10.5, **literal)
     below = y - len(lines) * _LINE / tall
     figure.text(x, below, "\n".join(notes), **literal, color=VERMILLION)
-    lay_out_below(figure, tall - head_height(title, status, wide))
+    lay_out_below(figure, tall - head_height(title, status))
 
 
 def lay_out_below(figure: Figure, height: float) -> None:
@@ -244,18 +243,16 @@ def lay_out_below(figure: Figure, height: float) -> None:
         engine.set(rect=(0.0, 0.0, 1.0, height / float(figure.get_size_inches()[1])))
 
 
-def head_height(title: str, status: str, wide: float) -> float:
+def head_height(title: str, status: str) -> float:
     """Height of the head of a figure, in inches, as `head` writes it."""
-    return _EDGE + _LINE * sum(len(lines) for lines in _head_lines(title, status, wide))
+    return _EDGE + _LINE * sum(len(lines) for lines in _head_lines(title, status))
 
 
-def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[str]]:
-    lines = textwrap.wrap(title, int(11.5 * wide), max_lines=2, placeholder=" ...") or [" "]
-    if _PRINTED.get():
-        lines = []
-    if Status.of(status) is Status.OK:
-        return lines, []
-    return lines, textwrap.wrap(status, int(11.5 * wide), max_lines=3, placeholder=" ...")
+def _head_lines(title: str, status: str) -> tuple[list[str], list[str]]:
+    look: Any = {"width": int(11.5 * width()), "placeholder": " ..."}
+    lines = [] if _PRINTED.get() else textwrap.wrap(title, max_lines=2, **look) or [" "]
+    failed = Status.of(status) is not Status.OK
+    return lines, textwrap.wrap(status, max_lines=3, **look) if failed else []
 
 
 def key_within(axes: Axes) -> float:

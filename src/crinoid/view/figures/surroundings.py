@@ -211,21 +211,13 @@ def draw_key(axes: Axes, corner: Float[np.ndarray, "axis=2"], fastest: float, sc
     speed = round_down(0.85 * fastest)
     tail = corner - np.array([speed / scale, 0.0])
     _arrows(axes, tail[None], np.array([[speed, 0.0]]), scale)
-    look: Any = {
-        "textcoords": "offset points",
-        "ha": "right",
-        "va": "center",
-        "fontsize": style.small(),
-    }
-    place = float(tail[0]), float(tail[1])
-    axes.annotate(f"water {speed:g} m/s", place, (-5, 0), annotation_clip=False, **look)
+    look: Any = {"textcoords": "offset points", "ha": "right", "va": "center"}
+    look |= {"fontsize": style.small(), "annotation_clip": False}
+    axes.annotate(f"water {speed:g} m/s", (float(tail[0]), float(tail[1])), (-5, 0), **look)
 
 
 def find_current(run: Result, view: View) -> CurrentArrows:
-    """Place the arrows of the flow along the arm, and choose their scale.
-
-    The arrows start next to all that the arm sweeps, so that neither hides the other.
-    """
+    """Place the arrows of the flow next to all that the arm sweeps, and choose their scale."""
     data = run.dataset
     nothing = CurrentArrows(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 0, 2)), 0.0)
     if "flow_velocity" not in data:

@@ -17,8 +17,7 @@ from crinoid.view.film.settings import CameraSettings
 _LEAST = 60  # frames of a process: fewer are drawn by one before another has started
 _MOST = 8  # processes, which keep the encoder busy
 
-Order = tuple[Scene, CameraSettings, FilmSettings, str, str]
-"""Arguments of `Picture`."""
+Order = tuple[Scene, CameraSettings, FilmSettings, str, str]  # arguments of `Picture`
 
 
 def drawn(picture: Picture, order: Order, frames: FilmSettings) -> Generator[Image, None, None]:

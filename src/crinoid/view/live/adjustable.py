@@ -55,10 +55,7 @@ SHARES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 
 
 def adjusted_scenario(scenario: Scenario, numbers: AdjustableNumbers) -> tuple[Scenario, list[str]]:
-    """Return a scenario with adjusted numbers, and sentences on what none of its keys describes.
-
-    A current of zero leaves out all flows.
-    """
+    """Return a scenario with adjusted numbers, and sentences on what none of its keys describes."""
     document, flows, notes = scenario.to_dict(), [], []
     for index, table in enumerate(document.get("flow", [])):
         shares = SHARES.get(table["kind"], {})

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -73,28 +75,19 @@ class InteractiveBodies:
         far = _PARKED * length * np.eye(base.size)
         read = [surfaces.get(f"obstacle.{index}") for index in range(len(scenario.obstacle))]
         solids = list(zip(scenario.obstacle, read, strict=True))
-        parked = next(
-            (
-                tuple(map(float, place))
-                for place in (base - far[0], base + far[0], base + far[-1], base - far[-1])
-                if all(_apart(place, *solid) > radius + length for solid in solids)
-            ),
-            None,
-        )
         mass = (scenario.water.density or 1000.0) * 4 / 3 * np.pi * radius**3
-        found = InteractiveBodies(None, max(_LONGEST, scenario.simulation.duration))
-        try:
-            found.added_to(scenario)
-        except ScenarioError:  # a table or a file ends before that
-            found = replace(found, duration=scenario.simulation.duration)
-        if parked is None:
-            return found
-        with_debris = replace(found, debris=Debris(radius, mass, parked))
-        try:
-            with_debris.added_to(scenario)
-        except ScenarioError:
-            return found
-        return with_debris
+        debris = [
+            Debris(radius, mass, tuple(map(float, place)))
+            for place in (base - far[0], base + far[0], base + far[-1], base - far[-1])
+            if all(_apart(place, *solid) > radius + length for solid in solids)
+        ]
+        own = scenario.simulation.duration  # a table or a file may end soon after it
+        for duration, body in product((max(_LONGEST, own), own), (*debris[:1], None)):
+            found = InteractiveBodies(body, duration)
+            with suppress(ScenarioError):
+                found.added_to(scenario)
+                break
+        return found
 
     def added_to(self, scenario: Scenario) -> Scenario:
         """Return a scenario with them."""
@@ -166,10 +159,7 @@ def launch_paths(debris: Debris, state: State, arm: Arm) -> list[tuple[Vector, V
 def launch(
     system: System, state: State, position: Float[Array, " d"], velocity: Float[Array, " d"]
 ) -> tuple[State, Bool[Array, ""]]:
-    """Return a state with another position (m) and velocity (m/s) of its last obstacle.
-
-    Also whether that touches neither the arm nor another obstacle.
-    """
+    """Return a state with its last obstacle moved (m, m/s), and whether that touches nothing."""
     forces, motion = system.forces, state.motion
     obstacles = forces.obstacles
     assert obstacles is not None

@@ -17,19 +17,12 @@ from matplotlib.figure import Figure
 
 from crinoid.results.reading import with_shapes
 from crinoid.results.result import Result
-from crinoid.results.scene.data import is_spatial
 from crinoid.results.scene.projection import ABOVE, AHEAD, SIDE
 from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures import style
-from crinoid.view.figures.charts.chart import Chart
-from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
-from crinoid.view.figures.charts.spectra import load_chart, spectrum_chart
-from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.touch import contact_chart
-from crinoid.view.figures.charts.vehicle import vehicle_chart
-from crinoid.view.figures.charts.vortices import vortex_chart
+from crinoid.view.figures.charts.of_run import CHARTS
 from crinoid.view.figures.paper import draw_panel
-from crinoid.view.figures.shape import ROWS, draw_lines
+from crinoid.view.figures.shape import ROWS, draw_lines, quantities_along
 from crinoid.view.figures.sheet import draw_in
 from crinoid.view.page.parts import list_of, numbers_of
 from crinoid.view.page.write import small_page_of
@@ -63,8 +56,14 @@ def _axes(
 
 
 _VIEWS = {"side": SIDE, "above": ABOVE, "ahead": AHEAD}
-_ALONG = {False: ("curvature", "tension"), True: ("kappa_1", "kappa_2", "twist", "tension")}
-"""Quantities along an arm, by whether it is in space."""
+_LACKING = {
+    "loads": "the loads on the base have no spectrum: they do not change, or too few instants are "
+    "saved. Make the run longer.",
+    "vehicle": "the base is held, so no submarine floats. Add [vehicle].",
+    "contact": "the result has no obstacles and no contact.self. Add one of them.",
+    "vortices": "the water of the run sheds no vortices. Add [water.vortices].",
+}
+"""Why a run lacks a chart."""
 
 
 class Plots:
@@ -72,7 +71,8 @@ class Plots:
 
     Each accepts ``ax``, matplotlib's axes to draw into, and makes a new figure without. Those of
     several panels accept and return a list of axes. Plots over time show the run without control
-    too.
+    too. A ``ValueError`` gives the reason where a run has nothing to plot: loads that do not
+    change, no submarine, no obstacles or no vortices.
 
     Parameters
     ----------
@@ -102,23 +102,23 @@ class Plots:
 
     def tip_error(self, ax: Axes | None = None) -> Axes:
         """Plot the distance of the tip from its target."""
-        return self._panel(tip_chart, "tip_error", ax)
+        return self._panel("tip_error", "tip_error", ax)
 
     def tip_miss(self, ax: Axes | None = None) -> Axes:
         """Plot the position of the tip minus that of its target, along each axis."""
-        return self._panel(tip_chart, "tip_miss", ax)
+        return self._panel("tip_error", "tip_miss", ax)
 
     def tip_off_direction(self, ax: Axes | None = None) -> Axes:
         """Plot the angle between the direction of the tip and that of its target."""
-        return self._panel(tip_chart, "tip_off_direction", ax)
+        return self._panel("tip_error", "tip_off_direction", ax)
 
     def tip_spectrum(self, ax: Axes | None = None) -> Axes:
         """Plot the spectrum of the tip's error."""
-        return self._panel(spectrum_chart, "tip_spectrum", ax)
+        return self._panel("spectrum", "tip_spectrum", ax)
 
     def water_speed(self, ax: Axes | None = None) -> Axes:
         """Plot the speed of the water at the tip."""
-        return self._panel(tip_chart, "tip_water", ax)
+        return self._panel("tip_error", "tip_water", ax)
 
     def commands(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot driven channels and actuators with their commands, and the load on the base.
@@ -126,67 +126,39 @@ class Plots:
         A panel each for the base's channels (in space for all shifts and all turns), for actuators
         of each unit, for the force and for the moment.
         """
-        return self._chart(drive_chart, ax)
+        return self._chart("commands", ax)
 
     def base_force(self, ax: Axes | None = None) -> Axes:
         """Plot the force of the arm on its base."""
-        return self._panel(drive_chart, "base_force", ax)
+        return self._panel("commands", "base_force", ax)
 
     def base_moment(self, ax: Axes | None = None) -> Axes:
         """Plot the moment of the arm on its base."""
-        return self._panel(drive_chart, "base_moment", ax)
+        return self._panel("commands", "base_moment", ax)
 
     def loads(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot the spectral densities of force and moment on the base: two panels.
-
-        Raises
-        ------
-        ValueError
-            If neither has one, as the run is short or they do not change.
-        """
-        nothing = "the loads on the base have no spectrum: they do not change, or too few instants"
-        return self._chart(load_chart, ax, nothing=f"{nothing} are saved. Make the run longer.")
+        """Plot the spectral densities of force and moment on the base: two panels."""
+        return self._chart("loads", ax)
 
     def vehicle(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot shifts and turns of a floating submarine, and its thrusters: two or four panels.
-
-        Raises
-        ------
-        ValueError
-            If no submarine floats.
-        """
-        nothing = "the base is held, so no submarine floats. Add [vehicle]."
-        return self._chart(vehicle_chart, ax, nothing=nothing)
+        """Plot shifts and turns of a floating submarine, and its thrusters: two or four panels."""
+        return self._chart("vehicle", ax)
 
     def energy(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot stored energies, works, and the defect of their balance: three panels."""
-        return self._chart(energy_chart, ax)
+        return self._chart("energy", ax)
 
     def iterations(self, ax: Axes | None = None) -> Axes:
         """Plot the iterations of Newton's method in each step."""
-        return self._panel(effort_chart, "newton_iterations", ax)
+        return self._panel("effort", "newton_iterations", ax)
 
     def contact(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot contact with obstacles, the arm itself and a hull: times, forces and distances.
-
-        Raises
-        ------
-        ValueError
-            If the run has neither obstacles nor ``contact.self``.
-        """
-        nothing = "the result has no obstacles and no contact.self. Add one of them."
-        return self._chart(contact_chart, ax, nothing=nothing)
+        """Plot contact with obstacles, the arm itself and a hull: times, forces and distances."""
+        return self._chart("contact", ax)
 
     def vortices(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot the frequency of shedding against the arm's own, and the force: two panels.
-
-        Raises
-        ------
-        ValueError
-            If the water of the run sheds no vortices.
-        """
-        nothing = "the water of the run sheds no vortices. Add [water.vortices]."
-        return self._chart(vortex_chart, ax, nothing=nothing)
+        """Plot the frequency of shedding against the arm's own, and the force: two panels."""
+        return self._chart("vortices", ax)
 
     def shape(
         self,
@@ -250,7 +222,7 @@ class Plots:
             If the arm has no such quantity.
         """
         data = self._run.dataset
-        known = _ALONG[is_spatial(data)]
+        known = quantities_along(data)
         if of and of not in known:
             raise ValueError(f"of: {got(of, f'be {one_of(known)}')}")
         name = of or known[0]
@@ -264,25 +236,16 @@ class Plots:
     def _run(self) -> Result:
         return _with_shapes(self._result)
 
-    def _panel(self, chart: Callable[[Result], Chart | None], name: str, ax: Axes | None) -> Axes:
+    def _panel(self, chart: str, name: str, ax: Axes | None) -> Axes:
         (drawn,) = self._chart(chart, None if ax is None else [ax], name)
         return drawn
 
-    def _chart(
-        self,
-        chart: Callable[[Result], Chart | None],
-        ax: Iterable[Axes] | None,
-        only: str = "",
-        nothing: str = "",
-    ) -> list[Axes]:
-        """Draw panels of a chart below each other, or into one of the given axes each.
-
-        A `ValueError` says that there is ``nothing`` of it.
-        """
+    def _chart(self, chart: str, ax: Iterable[Axes] | None, only: str = "") -> list[Axes]:
+        """Draw panels of a chart below each other, or into one of the given axes each."""
         run, given = self._run, None if ax is None else list(ax)
-        found = chart(run)
+        found = CHARTS[chart](run)
         if found is None:
-            raise ValueError(nothing)
+            raise ValueError(_LACKING[chart])
         panels = [panel for panel in found.panels if only in ("", panel.name)]
         time = run.dataset["time"].values
         with _axes([panel.tall for panel in panels], given, self._width) as drawn:
@@ -304,8 +267,7 @@ class Plots:
             return drawn
 
 
-_HEIGHT = 440
-"""Height of the animation (pixels)."""
+_HEIGHT = 440  # height of the animation (pixels)
 
 
 def html_of(result: Result) -> str:
@@ -317,21 +279,20 @@ def html_of(result: Result) -> str:
     attributes = result.dataset.attrs
     title, status = (str(attributes.get(name, "")) for name in ("title", "status"))
     failed = f"<p>{escape(status)}</p>" if status and status != "ok" else ""
-    return f"<h3>{escape(title)}</h3>{failed}{_animation(result)}{_numbers(result)}"
+    animation = _part("animation", _animation, result)
+    return f"<h3>{escape(title)}</h3>{failed}{animation}{_part('numbers', numbers_of, result)}"
 
 
-def _numbers(result: Result) -> str:
+def _part(name: str, draw: Callable[[Result], str], result: Result) -> str:
     try:
-        return numbers_of(result)
+        return draw(result)
     except Exception as error:  # a notebook would show a traceback and nothing else
-        return _reason("no numbers", error)
+        text = " ".join(str(error).split())
+        return f"<p>no {name}: {escape(f'{type(error).__name__}: {text}'[:300])}</p>"
 
 
 def _animation(result: Result) -> str:
-    try:
-        page, left_out = small_page_of(_with_shapes(result))
-    except Exception as error:
-        return _reason("no animation", error)
+    page, left_out = small_page_of(_with_shapes(result))
     content = page.replace("&", "&amp;").replace("'", "&#39;")
     return (
         f"<iframe srcdoc='{content}' sandbox='allow-scripts' title='The arm over time' "
@@ -341,8 +302,3 @@ def _animation(result: Result) -> str:
 
 def _with_shapes(result: Result) -> Result:
     return with_shapes(result, *["result", "result without control"][: len(result.members)])
-
-
-def _reason(omission: str, error: Exception) -> str:
-    text = " ".join(str(error).split())
-    return f"<p>{omission}: {escape(f'{type(error).__name__}: {text}'[:300])}</p>"

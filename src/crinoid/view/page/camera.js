@@ -50,19 +50,15 @@ class Camera {
   view(aspect) {
     const { across, up, toward } = this.axes, far = this.half * (this.flat ? 200 : 1 / Math.tan(0.24));
     const eye = V.add(this.centre, V.by(toward, far));
-    const look = new Float32Array([
+    const look = new DOMMatrix([
       across[0], up[0], toward[0], 0, across[1], up[1], toward[1], 0, across[2], up[2], toward[2], 0,
       -V.dot(across, eye), -V.dot(up, eye), -V.dot(toward, eye), 1,
     ]);
     const reach = Math.max(V.size(V.sub(this.high, this.low)), this.half) * 3;
-    const lens = new Float32Array(16), s = 1 / this.half;
-    const near = Math.max(far * 0.02, far - reach), end = far + reach;
-    if (this.flat) {
-      lens.set([s / aspect, 0, 0, 0, 0, s, 0, 0, 0, 0, -2 / (end - near), 0, 0, 0, -(end + near) / (end - near), 1]);
-    } else {
-      const f = far * s;
-      lens.set([f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, -(end + near) / (end - near), -1, 0, 0, (-2 * end * near) / (end - near), 0]);
-    }
-    return { matrix: product(lens, look), eye, across, up, toward };
+    const near = Math.max(far * 0.02, far - reach), end = far + reach, s = 1 / this.half, f = far * s;
+    const lens = new DOMMatrix(this.flat
+      ? [s / aspect, 0, 0, 0, 0, s, 0, 0, 0, 0, -2 / (end - near), 0, 0, 0, -(end + near) / (end - near), 1]
+      : [f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, -(end + near) / (end - near), -1, 0, 0, (-2 * end * near) / (end - near), 0]);
+    return { matrix: lens.multiply(look).toFloat32Array(), eye, across, up, toward };
   }
 }

@@ -1,7 +1,7 @@
 // Charts, drawn by Bokeh, with a cursor and the values at it.
 
 class Charts {
-  constructor(said, root, seek, settled) {
+  constructor(said, root, seek) {
     this.panels = [];
     this.seek = seek;
     for (const chart of said.charts) {

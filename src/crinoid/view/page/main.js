@@ -8,7 +8,7 @@ class Page {
     this.time = this.begin;
     this.playing = false;
     this.byId = (id) => document.getElementById(id);
-    this.charts = new Charts(said, this.byId("charts"), (time) => { this.go(time); }, () => {});
+    this.charts = new Charts(said, this.byId("charts"), (time) => { this.go(time); });
     const wanted = (this.end - this.begin) / 40;
     this.speed = wanted < 0.1 ? SPEEDS.find((s) => s >= (this.end - this.begin) / 10) || 1 : SPEEDS.find((s) => s >= Math.max(1, wanted)) || 1000;
     this.controls();

@@ -28,12 +28,10 @@ class Painter {
     const gl = canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true, alpha: true });
     if (!gl) throw new Error("no WebGL2");
     this.gl = gl;
-    this.canvas = canvas;
     this.body = this.program(BODY, ["point", "normal", "shade"]);
     this.line = this.program(LINE, ["corner", "from", "to", "ink"]);
     this.meshes = {};
     for (const [name, make] of Object.entries(shapes)) this.meshes[name] = this.mesh(make());
-    this.tubes = [];
     this.strokes = { buffer: gl.createBuffer(), array: gl.createVertexArray() };
     gl.bindVertexArray(this.strokes.array);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -46,7 +44,6 @@ class Painter {
       gl.vertexAttribPointer(index, size, gl.FLOAT, false, 40, offset);
       gl.vertexAttribDivisor(index, 1);
     });
-    gl.bindVertexArray(null);
     this.ramp = gl.createTexture();
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
@@ -85,13 +82,12 @@ class Painter {
     });
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
-    gl.bindVertexArray(null);
-    return { array, count: corners.length, type: gl.UNSIGNED_SHORT };
+    return { array, count: corners.length };
   }
 
   // Buffers for the surface of an arm, which are filled for each picture.
   arm(nodes) {
-    const gl = this.gl, rings = nodes + 6, corners = tubeCorners(rings), array = gl.createVertexArray();
+    const gl = this.gl, rings = nodes + 6, corners = ringCorners(rings, AROUND), array = gl.createVertexArray();
     const data = new Float32Array(rings * (AROUND + 1) * 7), buffer = gl.createBuffer();
     gl.bindVertexArray(array);
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
@@ -102,8 +98,7 @@ class Painter {
     });
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
-    gl.bindVertexArray(null);
-    return { array, count: corners.length, type: gl.UNSIGNED_INT, data, buffer, nodes };
+    return { array, count: corners.length, data, buffer };
   }
 
   bend(arm, nodes, diameter, shade) {
@@ -114,11 +109,7 @@ class Painter {
 
   colours(stops) {
     const gl = this.gl, data = new Uint8Array(256 * 4);
-    for (let i = 0; i < 256; i++) {
-      const place = (i / 255) * (stops.length - 1), j = Math.min(stops.length - 2, Math.floor(place)), s = place - j;
-      for (let d = 0; d < 3; d++) data[4 * i + d] = 255 * (stops[j][d] + s * (stops[j + 1][d] - stops[j][d]));
-      data[4 * i + 3] = 255;
-    }
+    for (let i = 0; i < 256; i++) data.set([...blend(stops, i / 255), 255], 4 * i);
     gl.bindTexture(gl.TEXTURE_2D, this.ramp);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, data);
     for (const [key, value] of [["MIN_FILTER", "LINEAR"], ["MAG_FILTER", "LINEAR"], ["WRAP_S", "CLAMP_TO_EDGE"], ["WRAP_T", "CLAMP_TO_EDGE"]]) {
@@ -132,10 +123,7 @@ class Painter {
     this.view = view;
     this.size = [wide, high];
     gl.viewport(left, 0, wide, high);
-    if (clear) {
-      gl.clearColor(0, 0, 0, 0);
-      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    }
+    if (clear) gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
   draw(mesh, place, colour, { coloured = false, culled = false } = {}) {
@@ -148,10 +136,9 @@ class Painter {
     gl.uniform3fv(uniforms.light, V.unit(V.add(V.add(V.by(toward, 0.7), V.by(up, 0.8)), V.by(across, -0.35))));
     gl.uniform1f(uniforms.coloured, coloured ? 1 : 0);
     if (culled) gl.enable(gl.CULL_FACE); else gl.disable(gl.CULL_FACE);
-    gl.cullFace(gl.BACK);
     gl.depthMask(colour[3] >= 0.99);
     gl.bindVertexArray(mesh.array);
-    gl.drawElements(gl.TRIANGLES, mesh.count, mesh.type, 0);
+    gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
     gl.depthMask(true);
   }
 

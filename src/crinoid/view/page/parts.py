@@ -4,7 +4,8 @@ import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -25,16 +26,23 @@ from crinoid.view.film.settings import PRESETS, RAMPS, SPEEDS
 PAGE = "report.html"
 
 
-def save_page(text: str, path: Path) -> Path:
-    """Write a page."""
-    if path.exists() and not is_own(path):
+@contextmanager
+def report_file(path: Path, kind: str) -> Iterator[Path]:
+    """Yield a temporary file that becomes a ``kind`` of file of a report, in a new folder too."""
+    if kind != "figure" and path.exists() and not is_own(path):
         raise ReportError(f"{path}: not written by crinoid. Move it away first.")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            yield temporary
     except OSError as error:
-        raise ReportError(f"{path}: cannot write the page ({error.strerror})") from error
+        raise ReportError(f"{path}: cannot write the {kind} ({error.strerror})") from error
+
+
+def save_page(text: str, path: Path) -> Path:
+    """Write a page."""
+    with report_file(path, "page") as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return path
 
 

@@ -46,7 +46,7 @@ def plots_of(charts: list[Chart], begin: float, end: float) -> PlotDocument:
             if panel.over is None:
                 most = max([most, *(trace.at.size for trace in panel.traces)])
         about = {"name": chart.name, "title": chart.title, "folded": chart.name in _FOLDED}
-        listed += [about | {"panels": panels}] if panels else []
+        listed.append(about | {"panels": panels})
     with document.models.freeze():  # or each root would count all models again
         for plot in drawn:
             document.add_root(plot)

@@ -8,8 +8,7 @@ from crinoid.scenario import ScenarioError
 from crinoid.scenario.document import flat
 from crinoid.scenario.library import builtin_names, builtin_text, load
 
-SAVED = "scenario.toml"
-"""Name of the file that the page saves the scenario as."""
+SAVED = "scenario.toml"  # name of the file that the page saves the scenario as
 _MOST = 12  # most changes of a command
 
 

@@ -134,7 +134,7 @@ class Scene {
     this.steel = this.dark ? [0.55, 0.61, 0.65] : [0.46, 0.52, 0.56];
     this.stone = this.dark ? [0.52, 0.48, 0.42] : [0.76, 0.72, 0.66];
     const field = this.fields.find((each) => each.name === this.colour);
-    this.paint.colours(RAMPS[field && field.signed && field.low < 0 ? "two" : "one"].map(rgb));
+    this.paint.colours(RAMPS[field && field.signed && field.low < 0 ? "two" : "one"]);
   }
 
   draw(time) {

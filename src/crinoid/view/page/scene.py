@@ -178,10 +178,7 @@ class SvgDrawing(NamedTuple):
 
     @staticmethod
     def around(points: Float[np.ndarray, "point 2"], margin: float, least: float) -> SvgDrawing:
-        """Return a drawing around points (m), with a margin as a share of its longer side.
-
-        That side counts as at least ``least`` (m).
-        """
+        """Return a drawing around points, its margin a share of its longer side or of a least."""
         low, high = points.min(axis=0), points.max(axis=0)
         room = margin * max(float((high - low).max()), least)
         return SvgDrawing(low - room, high + room)

@@ -15,22 +15,12 @@ const V = {
   },
 };
 
-function product(a, b) {
-  const c = new Float32Array(16);
-  for (let i = 0; i < 4; i++) for (let j = 0; j < 4; j++) {
-    let sum = 0;
-    for (let k = 0; k < 4; k++) sum += a[k * 4 + j] * b[i * 4 + k];
-    c[i * 4 + j] = sum;
-  }
-  return c;
-}
-
 // Transformation from a body's axes, each with its length, to the world.
 const placed = (x, y, z, at) => new Float32Array([...x, 0, ...y, 0, ...z, 0, ...at, 1]);
 
 // A body of revolution about x: rings of a radius along it, with normals.
 function turned(rings, around = 28) {
-  const points = [], normals = [], corners = [];
+  const points = [], normals = [];
   rings.forEach(([x, r, nx, nr]) => {
     for (let i = 0; i <= around; i++) {
       const a = (2 * Math.PI * i) / around, c = Math.cos(a), s = Math.sin(a);
@@ -38,11 +28,17 @@ function turned(rings, around = 28) {
       normals.push(nx, nr * c, nr * s);
     }
   });
-  for (let j = 0; j + 1 < rings.length; j++) for (let i = 0; i < around; i++) {
+  return { points: new Float32Array(points), normals: new Float32Array(normals), corners: ringCorners(rings.length, around) };
+}
+
+// Triangles between rings of points that follow each other, each ring closed by its first point.
+function ringCorners(rings, around) {
+  const corners = [];
+  for (let j = 0; j + 1 < rings; j++) for (let i = 0; i < around; i++) {
     const p = j * (around + 1) + i, q = p + around + 1;
-    corners.push(p, p + 1, q, q, p + 1, q + 1);
+    corners.push(p, q, p + 1, p + 1, q, q + 1);
   }
-  return { points: new Float32Array(points), normals: new Float32Array(normals), corners: new Uint16Array(corners) };
+  return new Uint32Array(corners);
 }
 
 const shapes = {
@@ -55,7 +51,7 @@ const shapes = {
   field: () => ({
     points: new Float32Array([0, -1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1]),
     normals: new Float32Array([1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0]),
-    corners: new Uint16Array([0, 1, 2, 0, 2, 3]),
+    corners: new Uint32Array([0, 1, 2, 0, 2, 3]),
   }),
 };
 
@@ -67,7 +63,7 @@ function solid(places, facets) {
     const out = V.unit(V.cross(V.sub(b, a), V.sub(c, a)));
     [a, b, c].forEach((corner, j) => { points.set(corner, 3 * (i + j)); normals.set(out, 3 * (i + j)); });
   }
-  return { points, normals, corners: Uint16Array.from(facets, (_, i) => i) };
+  return { points, normals, corners: Uint32Array.from(facets, (_, i) => i) };
 }
 
 // Surface of a tube around nodes without twist; `shade` is a number for each node.
@@ -100,14 +96,4 @@ function tube(nodes, diameter, shade, into) {
       k += 7;
     }
   }
-  return all.length;
-}
-
-function tubeCorners(rings) {
-  const corners = [];
-  for (let j = 0; j + 1 < rings; j++) for (let i = 0; i < AROUND; i++) {
-    const p = j * (AROUND + 1) + i, q = p + AROUND + 1;
-    corners.push(p, q, p + 1, p + 1, q, q + 1);
-  }
-  return new Uint32Array(corners);
 }

@@ -117,10 +117,7 @@ def study_page_of(
     plan: SweepDesign | None = None,
     registry: Mapping[str, Measure] = MEASURES,
 ) -> str:
-    """Return the page of a study as HTML.
-
-    From the addresses of its cases' pages, its design, and the registry of its measures.
-    """
+    """Return a study as HTML; ``pages`` are the addresses of the pages of its cases."""
     failed = sum(Status.of(case.status) is not Status.OK for case in cases)
     status = f"{failed} of {len(cases)} cases failed or did not reach their end"
     some = even_indices(len(cases), MOST_CASES)

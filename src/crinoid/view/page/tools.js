@@ -9,10 +9,12 @@ function digits(value) {
 }
 
 // The colour at a share of a scale; a share beyond 0 and 1, as by round-off, has that of the end.
-function mixed(stops, share) {
+function blend(stops, share) {
   const place = Math.min(1, Math.max(0, share)) * (stops.length - 1), i = Math.min(stops.length - 2, Math.floor(place)), a = rgb(stops[i]), b = rgb(stops[i + 1]);
-  return `rgb(${a.map((p, d) => Math.round(255 * (p + (place - i) * (b[d] - p)))).join(",")})`;
+  return a.map((p, d) => 255 * (p + (place - i) * (b[d] - p)));
 }
+
+const mixed = (stops, share) => `rgb(${blend(stops, share).map(Math.round).join(",")})`;
 
 function make(kind, name, parent, text) {
   const found = document.createElement(kind);

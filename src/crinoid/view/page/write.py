@@ -54,12 +54,9 @@ def write_run(run: Result, path: Path) -> Path:
 
 
 def page_of(run: Result) -> str:
-    """Return the page of a run as HTML.
-
-    Texts of the user are escaped, and scripts are allowed by their digests only.
-    """
+    """Return the page of a run as HTML, in which texts of the user are escaped."""
     still = run.dataset.sizes["time"] == 1
-    charts = [] if still else [chart for _, chart in charts_of(run)]
+    charts = [] if still else charts_of(run)
     begin, end = _span(run)
     plots = plots_of(charts, begin, end)
     texts, left_out = _animation(run, page_scene(run), plots)

@@ -76,12 +76,9 @@ class Panel:
     low: float | None = None
     high: float | None = None  # ends of its axis (SI); None from the data
     tall: float = 1.6  # its height on paper, with its key (inches)
-    over: tuple[float, float] | None = None
-    """Ends of its frequencies (Hz), both axes logarithmic; None over time."""
-    along: float | None = None
-    """Length of the arm (m), where its traces are over the distance from the root."""
-    aside: float | None = None
-    """Time (s) before which values do not count, and are shaded."""
+    over: tuple[float, float] | None = None  # ends of its frequencies (Hz) on logarithmic axes
+    along: float | None = None  # length of the arm (m), where traces are over that from the root
+    aside: float | None = None  # time (s) before which values do not count, and are shaded
     columns: int = 4  # columns of the key
     nothing: str = ""  # why the panel is empty, where it is
     left_out: str = ""  # a remark on data that are cut off

@@ -107,13 +107,10 @@ _NEAR = 0.1  # distance up to which the end of a travel is drawn, of the height 
 
 
 def drive_chart(run: Result) -> Chart:
-    """Return the chart of channels of the base, actuators, and the load on the base.
-
-    In space there are too many for a panel each: shifts share one, and so do turns.
-    """
+    """Return the chart of channels of the base, actuators, and the load on the base."""
     channels = moving_channels(run.dataset)
     groups, tall = [[channel] for channel in channels], 1.55
-    if is_spatial(run.dataset):
+    if is_spatial(run.dataset):  # too many for a panel each
         shifts = [channel for channel in channels if channel not in ANGLES]
         turns = [channel for channel in channels if channel in ANGLES]
         groups, tall = [group for group in (shifts, turns) if group], 1.9
@@ -167,10 +164,7 @@ def _moves(part: xr.DataArray, channel: str) -> bool:
 
 
 def _group(data: xr.Dataset, channels: list[str], tall: float) -> Panel:
-    """Return channels of one unit: servos as lines, their commands dashed, whole poses dotted.
-
-    The pose is drawn where a motion is prescribed, which would look like a servo that fails.
-    """
+    """Return channels of one unit: servos as lines, commands dashed, prescribed poses dotted."""
     time, command, pose = data["time"].values, data["base_command"], data["base_pose"]
     servo = data["base_servo"]
     turns = channels[0] in ANGLES

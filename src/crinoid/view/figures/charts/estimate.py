@@ -15,10 +15,7 @@ _NAMED = 8  # most readings that have different colours, and names in the key
 
 
 def estimate_chart(run: Result) -> Chart | None:
-    """Return tip and current, true and estimated, with the band of two standard deviations.
-
-    None where no observer estimated the tip.
-    """
+    """Return tip and current, true and estimated; None where no observer estimated the tip."""
     data, panels = run.dataset, []
     found = data.get("estimated_tip_position")
     if found is None or not np.isfinite(found.values).any():

@@ -1,6 +1,6 @@
-"""The charts of a run: which there are, in which order, and as which figures."""
+"""The charts of a run by their names, in the order of the page."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from crinoid.results.result import Result
 from crinoid.view.figures.charts.chart import Chart
@@ -12,24 +12,20 @@ from crinoid.view.figures.charts.touch import contact_chart
 from crinoid.view.figures.charts.vehicle import vehicle_chart
 from crinoid.view.figures.charts.vortices import vortex_chart
 
-_CHARTS: tuple[tuple[str, Callable[[Result], Chart | None]], ...] = (
-    ("tip_error", tip_chart),
-    ("", spectrum_chart),
-    ("commands", drive_chart),
-    ("estimate", estimate_chart),
-    ("loads", load_chart),
-    ("vehicle", vehicle_chart),
-    ("contact", contact_chart),
-    ("vortices", vortex_chart),
-    ("energy", energy_chart),
-    ("", effort_chart),
-)
-"""Names of the files of figures, empty for a chart of the page alone, and what draws them."""
+CHARTS: dict[str, Callable[[Result], Chart | None]] = {
+    "tip_error": tip_chart,
+    "spectrum": spectrum_chart,
+    "commands": drive_chart,
+    "estimate": estimate_chart,
+    "loads": load_chart,
+    "vehicle": vehicle_chart,
+    "contact": contact_chart,
+    "vortices": vortex_chart,
+    "energy": energy_chart,
+    "effort": effort_chart,
+}
 
 
-def charts_of(run: Result) -> Iterator[tuple[str, Chart]]:
-    """Yield the charts of a run with the names of their figures."""
-    for figure, draw in _CHARTS:
-        chart = draw(run)
-        if chart is not None:
-            yield figure, chart
+def charts_of(run: Result) -> list[Chart]:
+    """Return the charts of a run."""
+    return [chart for draw in CHARTS.values() if (chart := draw(run)) is not None]

@@ -23,10 +23,7 @@ _WATER = Panel("tip_water", "water speed\nat tip", Unit(1.0, "m/s"), tall=1.45)
 
 
 def tip_chart(run: Result) -> Chart:
-    """Return errors of the tip's position and direction, and the water's speed at the tip.
-
-    In space also the tip's direction.
-    """
+    """Return errors of the tip's position and direction, and the water's speed at the tip."""
     spatial = "tip_direction" in run.dataset
     panels = [_error(run), _components(run)]
     panels += [_direction(run)] if spatial else []

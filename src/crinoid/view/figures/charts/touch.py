@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from crinoid.results.loads import far_contact
 from crinoid.results.metrics import FAR_CONTACTS
@@ -20,38 +20,27 @@ _VARIABLES = (
 )
 
 _FORCE = Panel("contact_force", "contact\nforce", low=0.0, tall=2.2, columns=3)
-_GAP = Panel("contact_gap", "distance from\nthe arm", levels=ZERO, tall=2.0, columns=3)
 _FEW = 50  # saved forces below which peaks are not cut off
 
 
 class _Body(NamedTuple):
     """An obstacle that the arm may touch, the arm itself or the hull."""
 
-    name: str
-    """Name in the rows of times."""
-    short: str
-    """Name of its curves."""
-    order: int
-    """Number of its colour."""
-    behind: bool
-    """Whether it belongs to the run without control."""
+    name: str  # in the rows of times
+    short: str  # name of its curves
+    order: int  # number of its colour
+    behind: bool  # whether it belongs to the run without control
     time: Series
-    held: Bool[np.ndarray, " interval"]
-    """Whether it was in contact from one instant to the next."""
-    lasted: float
-    """Time in contact (s)."""
+    held: Bool[np.ndarray, " interval"]  # whether it was in contact from one instant to the next
+    lasted: float  # time in contact (s)
     force: Series
-    mean: Series
-    """Mean force between instants (N); known of obstacles."""
+    mean: Series  # mean force between instants (N); known of obstacles
     gap: Series
     closest: float
 
 
 def contact_chart(run: Result) -> Chart | None:
-    """Return times of contact, forces and distances of obstacles, the arm itself and a hull.
-
-    None where the result has no contacts.
-    """
+    """Return times, forces and distances of contacts; None where the result has no contacts."""
     data = set(run.dataset)
     far = ({f"{part}_force", f"{part}_gap"} <= data for part in FAR_CONTACTS)
     if not (set(_VARIABLES) <= data or any(far)):
@@ -125,16 +114,16 @@ def _force(bodies: list[_Body]) -> Panel:
         traces.append(
             Trace(body.short, body.time, body.force, role, reference=body.behind, summary=summary)
         )
-    limit = spike_limit([body.force[:, None] for body in bodies])
+    limit = _spike_limit([body.force for body in bodies])
     panel = replace(_FORCE, unit=unit, traces=tuple(traces), high=limit if top else 1.0)
     left_out = "" if limit is None else f"peaks of up to {unit.text(top)} are cut off"
     panel = replace(panel, nothing="" if top else "nothing presses", left_out=left_out)
     return replace(panel, also=(("mean between records", "filled"),) if filled else ())
 
 
-def spike_limit(pressing: list[Float[np.ndarray, "time obstacle"]]) -> float | None:
+def _spike_limit(forces: list[Series]) -> float | None:
     """Return a limit of forces (N) that few and short peaks exceed by far, if there are such."""
-    together = np.concatenate([values.ravel() for values in pressing])
+    together = np.concatenate(forces)
     held = together[together > 0.0]
     if held.size < _FEW:
         return None
@@ -151,4 +140,5 @@ def _gap(bodies: list[_Body]) -> Panel:
             Trace(body.short, body.time, body.gap, role, reference=body.behind, summary=summary)
         )
     unit = length_unit(largest(*(body.gap for body in bodies)))
-    return replace(_GAP, unit=unit, traces=tuple(traces))
+    label = "distance from\nthe arm"
+    return Panel("contact_gap", label, unit, tuple(traces), ZERO, tall=2.0, columns=3)

@@ -10,10 +10,7 @@ _NEAR = 0.5  # share of a limit from which it is drawn
 
 
 def vehicle_chart(run: Result) -> Chart | None:
-    """Return shifts and turns of a submarine, and the forces and moments of its thrusters.
-
-    None where no submarine floats.
-    """
+    """Return the motion and the thrusters of a submarine; None where no submarine floats."""
     if "vehicle_pose" not in run.dataset:
         return None
     vehicle = run.known_scenario.vehicle

@@ -11,15 +11,11 @@ from crinoid.results.units import Unit, largest, si_unit
 from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Level, Panel, Trace, rms
 
 _HERTZ = Unit(1.0, "Hz")
-_SMOOTHED = 1.0
-"""Time over which a frequency is averaged (s)."""
+_SMOOTHED = 1.0  # time over which a frequency is averaged (s)
 
 
 def vortex_chart(run: Result) -> Chart | None:
-    """Return the frequency of shedding along the arm, and the force near the tip.
-
-    None where the water sheds no vortices.
-    """
+    """Return the frequency of shedding and the force near the tip; None without vortices."""
     needed = {"vortex_force", "vortex_phase"}
     if not all(needed <= set(each.dataset) for _, each in run.members):
         return None
