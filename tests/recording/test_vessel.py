@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.scenario import Scenario, ScenarioError
 
 TIME = np.arange(0.0, 4.01, 0.1)
@@ -114,12 +113,3 @@ def test_what_cannot_be_is_refused_in_one_line(log, dimension, motion, text):
     with pytest.raises(ScenarioError, match=rf"base.motion.0.{text}") as found:
         _ = Prepared(moved(log, dimension, motion, **{"base.tilt_deg": -85.0})).system
     assert len(found.value.lines) == 1
-
-
-def test_a_vessel_that_moves_too_fast_has_a_note(log):
-    (note,) = [
-        note
-        for note in plausibility_warnings(Prepared(moved(log, 2, {"offset": [900.0, 0.0]})))
-        if note.startswith("base.motion")
-    ]
-    assert "of the base = " in note
