@@ -64,6 +64,7 @@ def test_a_figure_that_cannot_be_written_is_one_line(monkeypatch):
     monkeypatch.setattr("crinoid.cli.finding.write_report", refused)
     current = made_result(Scenario()).dataset
     monkeypatch.setattr("crinoid.cli.analyses.sample_current", lambda scenario: current)
+    monkeypatch.setattr("crinoid.cli.analyses._current_table", lambda data: None)
     flow = 'flow=[{kind="uniform", velocity=[0.1, 0.0]}]'
     line = one_line(call("flow", "odd.toml", "--set", flow, "--out", "out"))
     assert line == "crinoid: flow.png: cannot write the figure (Permission denied)"
