@@ -100,9 +100,9 @@ def complete_key(start: str) -> list[str]:
 def load_text(name: str, settings: list[str] | None) -> ScenarioText:
     """Load a scenario by its file or name, with some keys changed, and its text."""
     with Loading():
-        from crinoid.scenario import ScenarioText
+        from crinoid.scenario import ScenarioText, builtin_names
 
-    if Path(name, "result.nc").is_file():
+    if name not in builtin_names() and Path(name, "result.nc").is_file():
         stop(f"{name}: is the folder of a result; must be a scenario. Name a folder by --out.")
     return ScenarioText(name, settings or ())
 

@@ -53,7 +53,7 @@ def _wrong_kinds(text: str) -> str:
     from crinoid.scenario.errors import got, one_of, shown
     from crinoid.scenario.kinds import installed
 
-    kinds = text.replace(" ", "").split(",")
+    kinds = [kind.strip() for kind in text.split(",")]
     known = [kind for kind in (*KINDS, *installed("controllers")) if kind != "custom"]
     for kind in kinds:
         if kind not in known:

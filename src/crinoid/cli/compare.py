@@ -43,7 +43,8 @@ def compare_controllers(
 ) -> str:
     """Run a scenario under each controller, save, draw and sum up; return what went wrong."""
     path, others = folder / COMPARISON, [COMPARISON_TABLE]
-    kinds, every = controllers.replace(" ", "").split(","), range(first_seed, first_seed + seeds)
+    kinds = [kind.strip() for kind in controllers.split(",")]
+    every = range(first_seed, first_seed + seeds)
     with (
         finding(scenario, path, "a comparison", force=force, others=others) as found,
         Interruption() as interruption,

@@ -29,8 +29,8 @@ def show_linearisation(
             full = find_state_space(found.prepared)
             model = full if order is None else _reduced(full, order)
             response = model.tip_response()
-        lines = _lines(model, full)
-        found.show(response, _poles_table(model), lines=lines, files={name: model.save})
+        table, lines, files = _poles_table(model), _lines(model, full), {name: model.save}
+        found.show(response, table, lines=lines, notes=model.notes, files=files)
         # another model
         clear_own(folder, [f"linear-model.{form}" for form in FORMATS if form != to])
 

@@ -295,7 +295,8 @@ def equilibrium_summary(result: Result) -> RunSummary:
 
     pull = max(most("base_force"), most("max_tension"), _ALMOST_NO_LOAD)
     turning = max(most("base_moment"), pull * length)
-    angle = f"{np.rad2deg(values['tip_angle']):.4g} degrees"
+    turn = np.rad2deg(values["tip_angle"])
+    angle = f"{0.0 if abs(turn) < _NOTHING else turn:.4g} degrees"
     rows = [
         ["tip", text("tip", "m", length, 6)],
         ["tip direction", text("tip_direction", "", 1.0) or angle],

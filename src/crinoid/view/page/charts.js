@@ -195,7 +195,7 @@ async function pictureOf({ said, view, entries }) {
     pen.strokeStyle = mark.style.borderTopColor;
     pen.setLineDash(mark.className === "dashed" ? [5, 3] : []);
     pen.stroke(new Path2D(`M${left + 4} ${middle} h18`));
-    pen.fillText(name, left + 28, middle);
+    pen.fillText(name, left + 28, middle, KEY_WIDTH - 36); // a long name is narrower
   });
   pen.drawImage(image, 0, head, width, height);
   URL.revokeObjectURL(drawing);
