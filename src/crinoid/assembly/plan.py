@@ -254,7 +254,7 @@ class AssembledScenario:
 
     def _tip_response(
         self, rows: list[int], columns: list[int], jacobian: Float[Array, "pose input"]
-    ) -> Float[np.ndarray, "coordinate input"]:
+    ) -> Float[np.ndarray, "coordinate driven"]:
         """Return the static response of coordinates to inputs, by their indices."""
         needed = np.asarray(jacobian)[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
