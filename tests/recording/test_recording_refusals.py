@@ -123,6 +123,9 @@ CURRENTS = {
     "bursts": (values("time", N + 1e4 * (N > 50)), {}, "time: most samples are missing"),
     "a gap that is not marked": (
         values("u", np.where(N == 70, -9999.0, 0.3)), {}, "velocity.0: u reaches 9999 m/s; .*Mark"),
+    "a gap in numbers of single precision": (
+        values("u", np.where(N == 70, np.float32(-32767) * np.float32(1e-3), 0.3)), {},
+        f"velocity.0: u contains -32.767, {SAID}"),
     "too short": (
         record(), {"duration": 120.0, "skip": 5.0}, "file: a.nc lasts 99 s; must last at least 12"),
     "begun after its end": (record(), {"skip": 99.0}, "skip: got 99.0; must be below 99"),

@@ -195,10 +195,10 @@ def augmented(
 def reading_noise(
     plan: AssembledScenario, model: LinearModel, parts: AugmentedModel
 ) -> tuple[Float[np.ndarray, " y"], Float[np.ndarray, " y"]]:
-    """Return the variance of the readings of all sensors, and where the model is linear about.
+    """Return the variance of the readings of all sensors, and their values in the linear model.
 
-    Errors are noise, rounding, and the motions that the model lacks. The readings there are in the
-    frame of the target.
+    The variance is that of noise, rounding, and motions that the model lacks. The values are those
+    of the state about which the model is linear, the first ones in the frame of the target.
     """
     given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
     grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])

@@ -22,10 +22,12 @@ _SIZES = [
     *(9.99, 9.999, 99.9, 99.99, 999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9),
     *(999999, 32.767, 32.768, 3276.7, 3276.8, 32767, 32768),
 ]
-_MARKS = np.array([-99, *_SIZES, *np.negative(_SIZES)], np.float32)
+_MARKS = np.sort([-99, *_SIZES, *np.negative(_SIZES)])
 """Usual marks of missing values: nines, and the ends of a 16-bit counter, perhaps scaled."""
 _APART = 0.1
 """Least distance of a mark from the other numbers, over its size."""
+_CLOSE = 1e-6
+"""Relative error of numbers in single precision, scaled."""
 FLAG = re.compile(r"(.*_)?(qc|qc_agg|flags?|quality)", re.IGNORECASE)
 """Names of quality flags."""
 _SHARED = re.compile(r"((vel\w*|currents?|quality|data)_)?(qc|flags?|quality)", re.IGNORECASE)
@@ -216,7 +218,9 @@ def _check_marks(numbers: np.ndarray, key: str, name: str) -> None:
     998 and 1000 is a number.
     """
     found = numbers[np.isfinite(numbers)]
-    marked = np.isin(found.astype(np.float32), _MARKS)  # scaled ones are rounded
+    after = np.clip(np.searchsorted(_MARKS, found), 1, _MARKS.size - 1)
+    nearest = np.minimum(np.abs(found - _MARKS[after]), np.abs(found - _MARKS[after - 1]))
+    marked = nearest <= _CLOSE * np.abs(found)
     marks, others = found[marked], found[~marked]
     if marks.size and others.size:
         low, high = others.min(), others.max()

@@ -37,6 +37,6 @@ class FlowTable(Model):
         return resolve_name("crinoid.assembly.arrays:onset")(self)
 
     def _made(self, name: str, *keys: str, **others: Any) -> Any:
-        """Return what a function of `crinoid.flow` makes of the onset, some keys, and others."""
+        """Return the flow that a function of `crinoid.flow` builds from the onset and values."""
         given = {key: getattr(self, key) for key in keys}
         return resolve_name(f"crinoid.flow:{name}")(self.onset, **given, **others)

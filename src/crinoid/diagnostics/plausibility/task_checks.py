@@ -83,7 +83,7 @@ def _random_start(facts: Facts) -> Iterator[str]:
 
 
 def _target_points(facts: Facts, root: Vector) -> dict[str, Float[np.ndarray, "time axis"]]:
-    """Return known points of the target, or such as are no farther, from the base, by key."""
+    """Return points relative to the base by key: known ones of the target, or no farther ones."""
     target, axes = facts.scenario.target, root.size
     found = {
         key: np.array(getattr(target, key), ndmin=2) - root
