@@ -83,7 +83,7 @@ def momenta(system, motion, attitude):
     about = jnp.sum(moments(place, linear), axis=(0, 1))
     tool = jax.tree.map(lambda x: x[0], next(e for e in forces.elements if isinstance(e, Tool)))
     ends, moving = (row[-4:-2] for row in (motion.position, motion.velocity))
-    centre, rate = jax.jvp(tool.centre, (ends[:, :axes],), (moving[:, :axes],))
+    (centre, _), (rate, _) = jax.jvp(tool._stance, (ends[:, :axes],), (moving[:, :axes],))
     edge, change = ends[1, :axes] - ends[0, :axes], moving[1, :axes] - moving[0, :axes]
     turning = moments(edge, change) / jnp.sum(edge**2)
     spun = tool.inertia * turning

@@ -224,7 +224,12 @@ def dataset_builder(setup: Setup) -> Build:
     def build(kept: Record, before: float | None) -> xr.Dataset:
         system, diameters = loop.system, scenario.arm.diameters
         if not loop.enabled:  # the observer does not run either
-            kept = replace(kept, estimate=None, estimate_time=None)
+            kept = eqx.tree_at(  # of arrays of NumPy
+                lambda each: (each.estimate, each.estimate_time),
+                kept,
+                (None, None),
+                is_leaf=lambda leaf: leaf is None,
+            )
         run, modes = Instants(system, kept, before), setup.modes
         built = build_dataset(
             run,
