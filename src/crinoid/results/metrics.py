@@ -80,7 +80,7 @@ class Measures(NamedTuple):
     """Units of the speeds."""
 
 
-def known(value: float | None) -> float | None:
+def known(value: float | int | None) -> float | int | None:
     """Return a number; None where it is not finite."""
     return value if value is not None and math.isfinite(value) else None
 
