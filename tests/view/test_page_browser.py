@@ -62,7 +62,7 @@ def test_a_page_opens_without_a_complaint_and_asks_for_nothing(shown, spatial):
 
 def test_all_nodes_are_drawn_where_the_result_has_them(shown, spatial):
     result = spatial[0].dataset
-    assert shown.ask("() => crinoid.scene.arms.map((arm) => arm.nodes)") == [31, 31]
+    assert shown.ask("() => crinoid.scene.members.map((each) => each.points.length)") == [93, 93]
     for record in (0, 50, 120):
         shown.ask("(time) => crinoid.go(time)", float(result["time"][record]))
         points = shown.ask("() => [...crinoid.scene.members[0].points]")
