@@ -183,7 +183,7 @@ class Scenario(Represented, Model):
         str
             Text of a file.
         """
-        short = r'\[\n([^\[\]{}"]{,80}),\n\s*\]'  # a list of numbers, on a line of its own
+        short = r'\[\n([^\[\]{}"]{,80}),\n\s*\]'  # a short list of numbers over several lines
         text = tomli_w.dumps(self.to_dict())
         return re.sub(short, lambda found: f"[{' '.join(found[1].split())}]", text)
 

@@ -170,7 +170,7 @@ class Scene:
 
 
 def build_scene(result: Result, most: int | None = None, most_nodes: int | None = None) -> Scene:
-    """Return the scene of both runs of a result, each of at most so many instants and nodes."""
+    """Return the scene of both runs of a result, with upper bounds on instants and nodes."""
     data = result.dataset
     runs = tuple(keyframes(label, each, most, most_nodes) for label, each in result.members)
     length, aims = arm_length(data), has_target(result)

@@ -20,7 +20,7 @@ from crinoid.view.figures.study import Key, Study, StudyMeasure
 _FEW = 4  # panels without those of packages
 _LENGTHS = [length_unit(each) for each in (1.0, 0.01, 1e-6)]
 """Units of lengths, of which a figure has one: millimetres where its measures differ in size."""
-_MOST_LEVELS = 24  # levels of a key that labels or cells have room for
+_MOST_LEVELS = 24  # largest number of levels with labels or cells
 
 
 def means_keys(study: Study) -> list[Key]:

@@ -209,7 +209,7 @@ def draw_shape(run: Result) -> Figure:
 def _panels(
     low: PaperPoint, high: PaperPoint, run: Result, about: str
 ) -> tuple[Figure, list[Axes], bool]:
-    """Make equal panels that show a window; also tell whether the key has room beside them.
+    """Return axes of equal size with the limits of a window, and whether the legend fits beside.
 
     `about` is the origin of positions, other than that of the world. Equal axes leave a layout
     engine gaps, so the figure is cut to the panels instead; everything here is in inches.

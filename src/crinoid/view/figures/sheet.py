@@ -176,7 +176,7 @@ def draw_sheet(run: Result) -> Figure:
 
 
 def fit(extent: Point, room: float, tallest: float, corner: float) -> Block:
-    """Find the scale at which views of a window (m) fill a room but for a corner (inches)."""
+    """Return sizes and scale of three views of a window (m) in a width and a height (inches)."""
     wide, deep, high = extent
     room, tallest, low = room - GAP[0], tallest - GAP[1], 0.8 * corner
     across = min((room - corner) / wide, room / (wide + deep))
