@@ -197,10 +197,10 @@ class Waves(Flow):
             Generator of random numbers.
         """
         long_crested = density.ndim == 1
-        whole: np.ndarray = density
+        whole: Any = density
         if not long_crested:
             turn, directional = _around(np.asarray(direction), density)
-            whole = np.trapezoid(directional, turn)
+            whole = np.asarray(np.trapezoid(directional, turn))
         even = np.linspace(0, 1, max(1, 4000 // (frequency.size - 1)) * (frequency.size - 1) + 1)
         grid = np.interp(even, np.linspace(0, 1, frequency.size), frequency)
         along = np.interp(grid, frequency, whole)
