@@ -50,104 +50,96 @@ class _Finding(NamedTuple):
     """The file of a finding: its kind in words, required variables, and figures."""
 
     kind: str
-    required: Mapping[str, tuple[str, ...]]  # variables and their dimensions
+    required: Mapping[str, str]  # names of variables by their dimensions
     figures: Mapping[str, Callable[[xr.Dataset], Figure | Chart]]
 
 
 _SEARCH = {
-    "tried": ("trial", "key"),
-    "found": ("trial", "measure", "draw"),
-    "start": ("trial",),
-    "range": ("key", "end"),
-    **dict.fromkeys(("given", "best"), ("key",)),
-    **dict.fromkeys(("before", "after"), ("measure", "draw")),
-    **dict.fromkeys(("limit", "sign"), ("measure",)),
+    "trial key": "tried",
+    "trial measure draw": "found",
+    "trial": "start",
+    "key end": "range",
+    "key": "given best",
+    "measure draw": "before after",
+    "measure": "limit sign",
 }
-"""Variables of a search for numbers, and their axes."""
+"""Variables of a search for numbers."""
 _FINDINGS = {
     "flow.nc": _Finding(
         "a current",
         {
-            "flow_velocity": ("time", "place", "axis"),
-            "flow_spectrum": ("frequency", "place", "axis"),
-            **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
+            "time place axis": "flow_velocity",
+            "frequency place axis": "flow_spectrum",
+            "height axis": "profile_mean profile_standard_deviation",
         },
         {"flow": series_chart, "spectrum": draw_spectrum, "profile": draw_profile},
     ),
     RECORD: _Finding(
         "a record",
-        {
-            "velocity": ("time", "axis"),
-            "filled": ("time",),
-            "spectrum": ("frequency", "part"),
-            "share": ("speed",),
-        },
+        {"time axis": "velocity", "time": "filled", "frequency part": "spectrum", "speed": "share"},
         {"record": draw_record},
     ),
     "modes.nc": _Finding(
         "modes",
         {
-            **dict.fromkeys(("frequency", "damping_ratio"), ("medium", "mode")),
-            **dict.fromkeys(("shape", "shape_quadrature"), ("medium", "mode", "node", "axis")),
-            "position": ("medium", "node", "axis"),
+            "medium mode": "frequency damping_ratio",
+            "medium mode node axis": "shape shape_quadrature",
+            "medium node axis": "position",
         },
         {"modes": draw_modes},
     ),
     CURVE: _Finding(
         "a bending curve",
         {
-            **dict.fromkeys(("tip_turn", "max_curvature"), ("branch", "*")),
-            "tip_position": ("branch", "*", "axis"),
-            "position": ("branch", "*", "node", "axis"),
+            "branch *": "tip_turn max_curvature",
+            "branch * axis": "tip_position",
+            "branch * node axis": "position",
         },
         {"curve": draw_curve},
     ),
     "compare.nc": _Finding(
         "a comparison",
         {
-            **dict.fromkeys(("rms_error", "max_error"), ("controller", "seed")),
-            "effort": ("controller", "seed", "input"),
-            "tick_time": ("controller",),
+            "controller seed": "rms_error max_error",
+            "controller seed input": "effort",
+            "controller": "tick_time",
         },
         {"compare": draw_comparison},
     ),
     "margins.nc": _Finding(
         "margins",
         {
-            **dict.fromkeys(("locus_real", "locus_imaginary"), ("frequency", "locus")),
-            **{f"{name}_margin": () for name in ("gain", "phase", "delay", "modulus")},
+            "frequency locus": "locus_real locus_imaginary",
+            "": "gain_margin phase_margin delay_margin modulus_margin",
         },
         {"bode": draw_bode, "nyquist": draw_nyquist},
     ),
     RESPONSE: _Finding(
         "a response",
-        {f"response_{part}": ("frequency", "output", "input") for part in ("real", "imaginary")},
+        {"frequency output input": "response_real response_imaginary"},
         {"response": draw_response},
     ),
     IDENTIFICATION: _Finding(
         "an identification",
         {
-            **dict.fromkeys(("given", "found", "standard_error"), ("parameter",)),
-            **dict.fromkeys(("measured", "computed", "computed_before"), ("time", "quantity")),
-            **dict.fromkeys(("set_aside", "marker", "hold"), ("time",)),
+            "parameter": "given found standard_error",
+            "time quantity": "measured computed computed_before",
+            "time": "set_aside marker hold",
         },
         {"identify": draw_identification},
     ),
     ESTIMATE: _Finding(
         "an estimate",
         {
-            **{f"estimated_tip_position{end}": ("time", "axis") for end in ("", "_std")},
-            **{f"estimated_flow_velocity{end}": ("time", "axis") for end in ("", "_std")},
-            **dict.fromkeys(("innovation", "innovation_std"), ("time", "reading")),
-            "sensor_reading": ("time", "reading"),
+            "time axis": "estimated_tip_position estimated_tip_position_std "
+            "estimated_flow_velocity estimated_flow_velocity_std",
+            "time reading": "innovation innovation_std sensor_reading",
         },
         {"log_estimate": log_chart},
     ),
     OPTIMISATION: _Finding("an optimisation", _SEARCH, {"optimise": draw_optimisation}),
     TUNING: _Finding("a tuning", _SEARCH, {"tune": draw_optimisation}),
-    TRAINING: _Finding(
-        "a training", {"cost": ("look",), "error": ("look",)}, {"training": draw_training}
-    ),
+    TRAINING: _Finding("a training", {"look": "cost error"}, {"training": draw_training}),
 }
 """Findings by the names of their files, which may be in the folder of a result."""
 
