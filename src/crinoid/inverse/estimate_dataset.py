@@ -14,10 +14,8 @@ from crinoid.foundation.axes import AXES
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.dataset import described
 
-_SIGMAS = 2.0
-"""Standard deviations within which innovations are counted."""
-_TAIL = 0.025
-"""Probability beyond each end of the interval of the mean square."""
+_SIGMAS = 2.0  # standard deviations within which innovations are counted
+_TAIL = 0.025  # probability beyond each end of the interval of the mean square
 
 Ticks = Float[np.ndarray, " tick"]
 Values = Float[np.ndarray, "tick y"]
@@ -29,11 +27,9 @@ class Filtered(NamedTuple):
     states: Float[np.ndarray, "tick z"]
     deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
     """Standard deviations of tip and nodes, square root of the covariance of the current."""
-    innovation: Values
-    """New readings less those expected; nan without a new one."""
+    innovation: Values  # new readings less those expected; nan without a new one
     innovation_std: Values
-    squared: Ticks
-    """Squares of the innovations, normalised by their covariance and summed up."""
+    squared: Ticks  # squares of the innovations, normalised by their covariance and summed up
 
 
 def estimate_dataset(

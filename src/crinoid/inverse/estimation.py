@@ -156,8 +156,7 @@ class _Arrival(NamedTuple):
     newest: Int[np.ndarray, " tick"]
     """Row of the newest reading that is known at each call; -1 before the first one."""
     fresh: Bool[np.ndarray, " tick"]
-    age: int
-    """How old new readings are on average, in control periods."""
+    age: int  # how old new readings are on average, in control periods
 
     @staticmethod
     def of(readings: Readings | None, time: Ticks, delay: float, period: float) -> _Arrival:

@@ -33,10 +33,8 @@ from crinoid.results.result import Result
 from crinoid.scenario import Scenario, counted, got, one_of, refusal
 from crinoid.scenario.actuator import Tendon
 
-LOST = 0.25
-"""Largest share of the rows that may be set aside as lost markers."""
-_REACH = 1.25
-"""Largest distance of a record from the root, over the arm's length in the run."""
+LOST = 0.25  # largest share of the rows that may be set aside as lost markers
+_REACH = 1.25  # largest distance of a record from the root, over the arm's length in the run
 _STUCK = 0.02
 """Path of the tip in the run, over the arm's length, along which a resting marker is stuck."""
 _CLEARLY = 0.2
@@ -49,10 +47,8 @@ class Holds(NamedTuple):
     """Static holds: the arm at rest, each under constant shares of its threads."""
 
     names: tuple[str, ...]
-    of_row: Int[np.ndarray, " time"]
-    """Hold of each row."""
-    threads: tuple[int, ...]
-    """Chambers and tendons of given shares; the others have those of t = 0."""
+    of_row: Int[np.ndarray, " time"]  # hold of each row
+    threads: tuple[int, ...]  # chambers and tendons of given shares; the others have those of t = 0
     shares: Float[np.ndarray, "hold thread"]
 
 
@@ -62,20 +58,17 @@ class ExperimentRecord:
 
     time: Float[np.ndarray, " time"]
     """Times (s) since the start of the run, increasing for each marker; 0 of a hold."""
-    names: tuple[str, ...]
-    """Measured coordinates (`crinoid.foundation.axes.POSE`)."""
+    names: tuple[str, ...]  # measured coordinates (`crinoid.foundation.axes.POSE`)
     values: Float[np.ndarray, "time quantity"]
     """Values of the coordinates in the world (m; rad; components of a unit vector)."""
     commands: Commands | None
     """Commands of all inputs (m, rad, or in their units); None without recorded ones."""
-    notes: tuple[str, ...] = ()
-    """Notes on assumptions and omitted rows."""
+    notes: tuple[str, ...] = ()  # notes on assumptions and omitted rows
     markers: tuple[Marker, ...] = ()
     of_row: Int[np.ndarray, " time"] | None = None
     """Marker of each row, counted from 1; 0 is the tip, as in all rows with None."""
     holds: Holds | None = None
-    name: str = ""
-    """Name of the experiment, if there are several."""
+    name: str = ""  # name of the experiment, if there are several
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of the scenario in this experiment, by key."""
 

@@ -32,10 +32,8 @@ from crinoid.scenario.sensor import Sampling
 class Readings(NamedTuple):
     """Readings of a sensor, each with at least one value."""
 
-    time: Float[np.ndarray, " row"]
-    """Times of the measurements (s), increasing."""
-    values: Float[np.ndarray, "row value"]
-    """Values in SI units; nan where one is missing."""
+    time: Float[np.ndarray, " row"]  # times of the measurements (s), increasing
+    values: Float[np.ndarray, "row value"]  # values in SI units; nan where one is missing
 
     @staticmethod
     def of(time: Float[np.ndarray, " row"], values: Float[np.ndarray, "row value"]) -> Readings:
@@ -52,8 +50,7 @@ class ReadingRecord(NamedTuple):
     commands: Commands | None
     states: dict[str, Readings]
     """Measured drives of actuators by the names of their inputs, those of the base included."""
-    commanded: tuple[str, ...]
-    """Inputs that have commands; the others are at rest."""
+    commanded: tuple[str, ...]  # inputs that have commands; the others are at rest
     notes: tuple[str, ...]
 
     @property
