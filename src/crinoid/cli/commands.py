@@ -7,8 +7,7 @@ from pathlib import Path
 from crinoid.cli.command import complete_name
 from crinoid.cli.declaration import FILES, Command, Option, must, out, resume
 
-DEFAULT = "station-keeping"
-"""Scenario of `crinoid run` without one."""
+DEFAULT = "station-keeping"  # scenario of `crinoid run` without one
 _NAME = "A TOML file, or the name of a built-in scenario."
 _SCENARIO = replace(Option("SCENARIO", str, _NAME, complete=complete_name), read_as="scenario")
 _TEXT = replace(_SCENARIO, read_as="text")

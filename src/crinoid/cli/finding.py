@@ -27,8 +27,7 @@ from crinoid.studies.design import Design
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
 
-Content = str | Callable[[Path], object]
-"""Text of a file, or a function that writes it."""
+Content = str | Callable[[Path], object]  # text of a file, or a function that writes it
 
 
 class Finding(NamedTuple):
@@ -36,8 +35,7 @@ class Finding(NamedTuple):
 
     prepared: Prepared
     path: Path
-    doubts: list[str]
-    """Implausible values that were reported."""
+    doubts: list[str]  # implausible values that were reported
 
     def save(self, data: xr.Dataset, files: Mapping[str, Content] | None = None) -> list[Path]:
         """Save and draw a dataset, after other files by name, elsewhere if need be; return all."""

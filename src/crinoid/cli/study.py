@@ -145,13 +145,10 @@ def _means(
 
 
 class _CaseRun(NamedTuple):
-    result: Result | None
-    """None if the case was refused, or could not be written."""
+    result: Result | None  # none if the case was refused, or could not be written
     wrong: str
-    directory: str
-    """Name of the folder with all of it; empty if it could not be saved."""
-    lacking: Sequence[str] = ()
-    """Notes of a page that could not be written."""
+    directory: str  # name of the folder with all of it; empty if it could not be saved
+    lacking: Sequence[str] = ()  # notes of a page that could not be written
     measures: Mapping[str, float | None] = MappingProxyType({})
     """The measures of the run; none of a case that was refused."""
 
