@@ -32,10 +32,8 @@ _TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """From the axes of a marker, along z, to those of a body, along x."""
 
 Message = dict[str, Any]
-Stamps = Int[np.ndarray, " time"]
-"""Times (ns)."""
-Messages = Iterator[tuple[int, str, str, Message]]
-"""Times (ns), topics, types and messages."""
+Stamps = Int[np.ndarray, " time"]  # times (ns)
+Messages = Iterator[tuple[int, str, str, Message]]  # times (ns), topics, types and messages
 
 
 def write_mcap(source: Shapes, files: Files, report: Report) -> list[str]:
