@@ -18,7 +18,7 @@ from crinoid.results.reading import load_as, open_drawable
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED
 from crinoid.results.scene.data import is_spatial
-from crinoid.view.figures import style
+from crinoid.view.figures import shape, style
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectrum, series_chart
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.estimate import log_chart
@@ -31,13 +31,6 @@ from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.sea_record import draw_record
 from crinoid.view.figures.searches import draw_identification, draw_optimisation, draw_training
 from crinoid.view.figures.seed_means import draw_means, means_keys
-from crinoid.view.figures.shape import (
-    draw_bending,
-    draw_close_up,
-    draw_cycles,
-    draw_shape,
-    has_cycles,
-)
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.study import read_cases, study_of
 from crinoid.view.page.parts import PAGE, report_file
@@ -192,9 +185,10 @@ def _run(path: Path) -> Part:
     """Return a run and its figures; those that show changes only where it has several instants."""
     run = open_drawable(path)
     changes = run.dataset.sizes["time"] > 1
-    figures = {"shape": draw_sheet if is_spatial(run.dataset) else draw_shape}
-    figures |= {"tip_path": draw_close_up} if changes else {}
-    figures |= {"bending": draw_bending} | ({"cycles": draw_cycles} if has_cycles(run) else {})
+    figures = {"shape": draw_sheet if is_spatial(run.dataset) else shape.draw_shape}
+    figures |= {"tip_path": shape.draw_close_up} if changes else {}
+    figures["bending"] = shape.draw_bending
+    figures |= {"cycles": shape.draw_cycles} if shape.has_cycles(run) else {}
     drawn = {name: partial(draw, run) for name, draw in figures.items()}
     for chart in (section_load_chart(run), *(charts_of(run) if changes else ())):
         if chart is not None and chart.name not in _PAGE_ALONE:
