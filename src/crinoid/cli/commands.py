@@ -10,8 +10,7 @@ from crinoid.cli.declaration import FILES, Command, Option, must, out, resume
 DEFAULT = "station-keeping"  # scenario of `crinoid run` without one
 _NAME = "A TOML file, or the name of a built-in scenario."
 _SCENARIO = replace(Option("SCENARIO", str, _NAME, complete=complete_name), read_as="scenario")
-_TEXT = replace(_SCENARIO, read_as="text")
-"""A scenario with its text, in which a command changes numbers."""
+_TEXT = replace(_SCENARIO, read_as="text")  # with its text, in which a command changes numbers
 _SET = Option(
     "--set KEY=VALUE",
     list[str],

@@ -28,8 +28,7 @@ class Option:
     default: str | bool = True  # default in words, if it needs any
     _: KW_ONLY
     name: str = ""  # name of the value in the body, if it is not that of the option
-    required: bool | None = None
-    """Whether it must be given, as an argument must unless this is false."""
+    required: bool | None = None  # whether it must be given, as an argument must unless false
     check: Callable[[Any], str] = lambda _: ""
     """Function that returns why a value is refused; empty if it is not."""
     complete: Callable[[str], list[str]] | None = None

@@ -49,8 +49,7 @@ class Experiment:
         self.scenario, self.unknowns = scenario, unknowns
         step, axes = scenario.simulation.time_step, scenario.arm.dimension
         within = record.time <= scenario.simulation.duration * (1 + 1e-9)
-        self.late = int((~within).sum())
-        """Number of rows after the end of the run, which are left out."""
+        self.late = int((~within).sum())  # rows after the end of the run, which are left out
         self.record = record.rows(within)  # the rows within the run
         self.time, self.measured = self.record.time, self.record.values
         if self.record.holds is None:

@@ -84,8 +84,7 @@ class LogTable:
             self.labels = _markers_in(dataset, self.clock)
             """Marker of each row; None without a column of them."""
         self._inputs = [column_of(each.name, each.unit) for each in inputs]
-        self.played = [column for column in self._inputs if column.name in there]
-        """Columns of commands."""
+        self.played = [column for column in self._inputs if column.name in there]  # of commands
 
     def series(
         self, columns: Sequence[Column], label: str | None = None, *, gaps: bool = False

@@ -38,8 +38,7 @@ class MarkerWeights(eqx.Module):
     """Places of markers as sums over nodes and edges: cubic splines along the arm at rest."""
 
     position: Float[Array, "marker node"]  # weights of the nodes in the place on the axis
-    tangent: Float[Array, "marker node"]
-    """Weights of the nodes in the derivative along the arm (1/m)."""
+    tangent: Float[Array, "marker node"]  # those in the derivative along the arm (1/m)
     director: Float[Array, "marker edge"]  # weights of the edges in the director m_1
     offset: Float[Array, "marker d"]  # offsets along the tangent and the directors (m)
 

@@ -85,8 +85,7 @@ class Optimisation:
         self.seeds = [scenario.seed + number for number in range(seeds)]
         self.total, self.margin = trials, margin
         self.trials: list[Trial] = []
-        self.best: Trial | None = None
-        """Best trial so far; at the end the best one of the real runs."""
+        self.best: Trial | None = None  # best trial so far; at the end that of the real runs
         self.given: Found | None = None  # measures with the given values
         self.why = ""  # why no gradients are used; empty if they are
         self.starts: list[Point] = [ranges.start]

@@ -98,8 +98,7 @@ class SegmentResult(eqx.Module):
 
     end: LoopState
     cost: Float[Array, " step"]  # cost of each time step
-    distance: Float[Array, " step"]
-    """Distance of the tip from its target at the end of each step (m)."""
+    distance: Float[Array, " step"]  # from tip to target at the end of each step (m)
     memory: Any  # memory of the controller at the end of each step, or a part of it
 
 

@@ -17,8 +17,7 @@ class Task:
 
     scenario: str  # name of the built-in scenario
     values: dict[str, Any] = field(default_factory=dict)  # other values of its keys
-    draw: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Keys that each episode draws."""
+    draw: dict[str, tuple[float, float]] = field(default_factory=dict)  # keys that episodes draw
     success: dict[str, float] | None = None
     """Arguments of `crinoid.learning.environment.reward.Success`."""
 

@@ -24,8 +24,7 @@ WORLD, BASE, TIP, VEHICLE = "world", "base", "tip", "vehicle"
 """Frames of reference; z of the world is up."""
 _SECOND = 1_000_000_000  # ns
 _GAMMA = 1 / 2.2  # exponent from the light of a colour to its number on a screen
-_SHAPES = {"ellipsoid": 2, "capsule": 3, "rod": 3, "plate": 1}
-"""Types of markers: sphere, cylinder, cube."""
+_SHAPES = {"ellipsoid": 2, "capsule": 3, "rod": 3, "plate": 1}  # markers: sphere, cylinder, cube
 _LINE_STRIP, _SPHERE, _TRIANGLES, _DELETE = 4, 2, 11, 2
 _THIN = 1e-3  # thickness of a plate (m)
 _TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
