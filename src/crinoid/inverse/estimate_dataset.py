@@ -33,14 +33,10 @@ class Filtered(NamedTuple):
 
 
 def estimate_dataset(
-    plan: AssembledScenario,
-    axes: int,
-    time: Ticks,
-    found: Estimate,
-    filtered: Filtered,
-    measured: Values,
+    plan: AssembledScenario, time: Ticks, found: Estimate, filtered: Filtered, measured: Values
 ) -> xr.Dataset:
     """Return estimates and innovations at the times (s) of the calls of an observer."""
+    axes = plan.scenario.arm.dimension
     assert found.position is not None
     assert found.flow_velocity is not None
     tip = {"value": np.array(found.tip.value), "std": np.asarray(found.tip.std)}

@@ -100,7 +100,7 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     outputs = observer_outputs(plan, model, parts.outputs, np.zeros_like(parts.move))
     filtered = _filtered(parts, variance, outputs, numbers, changes)
     found = _outputs(plan, outputs, filtered, numbers, time)
-    data = estimate_dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
+    data = estimate_dataset(plan, time, found, filtered, measured)
     notes = [*prepared.notes(), *record.notes, *_notes_on_inputs(plan, record, inputs)]
     about = {"status": "ok", "notes": "\n".join(notes)}
     data.attrs = describe(scenario) | about | consistency(filtered)
