@@ -117,7 +117,7 @@ class LiveSession(SteppedRun):
 
     def adjust(self, **values: float) -> None:
         """Change numbers (`crinoid.view.live.adjustable.AdjustableNumbers`)."""
-        self.numbers = replace(self.numbers, **values)
+        self.numbers = self.numbers._replace(**values)
         if not self.steps and self._log is None and not self._thrown:
             self.reset()
             return
