@@ -246,7 +246,6 @@ def _unsettled(found: dict[str, Vibration]) -> list[str]:
 
 
 def _notes(scenario: Scenario, dataset: xr.Dataset) -> list[str]:
-    """Return what there is to know of modes, a sentence each."""
     found = []
     if scenario.floats:
         found.append("the submarine floats; these are modes of its arm while the base is held")

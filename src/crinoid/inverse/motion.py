@@ -108,7 +108,6 @@ def _follow(
     at_rest: Bool[Array, ""],
     steps: int,
 ) -> ArmMotion:
-    """Return the motion from an initial state."""
     both, others = eqx.partition((numbers, state), eqx.is_inexact_array)
 
     def run(both: tuple[Numbers, State]) -> tuple[Array, tuple[ArmPlaces, Outcome, Array]]:

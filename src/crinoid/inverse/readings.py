@@ -73,7 +73,6 @@ def read_readings(
 
 
 def _columns(scenario: Scenario, sensors: Sequence[Sensor]) -> list[list[Column]]:
-    """Return the columns of each sensor."""
     axes = scenario.arm.dimension
     found = []
     for index, sensor in enumerate(sensors):

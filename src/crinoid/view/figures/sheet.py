@@ -32,7 +32,6 @@ def in_best_frame(run: Result) -> tuple[Result, str]:
 
 
 def _relative_to_base(data: xr.Dataset) -> xr.Dataset:
-    """Return a result with all positions relative to the base."""
     root = data["position"].isel(node=0, drop=True)
     there = [name for name in _PLACES if name in data]
     return data.assign({k: (data[k] - root).transpose(*data[k].dims) for k in there})
