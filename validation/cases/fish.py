@@ -117,7 +117,7 @@ def _scenario(frequency: float, pull: float = _TAKEN, hull_drag: float = _HULL_D
     )
 
 
-def _sine(turns: Float[np.ndarray, " t"], values: Float[np.ndarray, " t"]) -> tuple[complex, float]:
+def sine(turns: Float[np.ndarray, " t"], values: Float[np.ndarray, " t"]) -> tuple[complex, float]:
     """Return the sine of a record as a complex amplitude, and its slope in a period."""
     wave = np.exp(2j * np.pi * turns)
     columns = np.stack([wave.real, -wave.imag, turns, np.ones_like(turns)], axis=1)
@@ -131,8 +131,8 @@ def _swim(frequency: float, data: xr.Dataset) -> _Swim:
     turns, yaw = last["time"].values * frequency, last["vehicle_pose"].values[:, 2]
     places: Complex[np.ndarray, "t node"] = last["position"].values @ np.array([1.0, 1.0j])
     across = ((places[:, -1] - places[:, 0]) * np.exp(-1j * yaw)).imag
-    (fin, _), (turn, _) = _sine(turns, across), _sine(turns, yaw)
-    forward = -_sine(turns, places[:, 0].real)[1] * frequency
+    (fin, _), (turn, _) = sine(turns, across), sine(turns, yaw)
+    forward = -sine(turns, places[:, 0].real)[1] * frequency
     amplitude, lead = np.degrees(abs(turn)), np.degrees(np.angle(fin / turn))
     return _Swim(frequency, abs(fin), float(amplitude), float(lead), forward)
 
