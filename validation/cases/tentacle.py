@@ -167,7 +167,7 @@ def tentacle() -> Evidence:
         f"smaller holds, misses by {' and '.join(f'{1e3 * error:.0f}' for error in beyond)} mm. "
         "With the density of the source and both offsets unknown it misses by "
         f"{' and '.join(f'{1e3 * error:.0f}' for error in otherwise)} mm, so that the choice of "
-        "unknowns explains half of the error.",
+        "unknowns explains part of the error.",
         "Friction of the tendons may explain it too, but the smaller holds do not show it: they "
         "give a coefficient of 0.00 (standard error 0.14). An imposed one of 0.1 reduces the two "
         "errors to 8 mm, one of 0.3 raises them to 31 and 27 mm. Unknown angles of the tendons "
