@@ -12,10 +12,10 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.acting import ActingForces
-from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_tangents
+from crinoid.dynamics.balance import Balance, implicit_derivative, zero_tangents
 from crinoid.dynamics.bordered import TangentFactors
 from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES, Rows
 from crinoid.foundation.fixed_numbers import (
     AGED_CONTRACTION,
     CHORD_MARGIN,

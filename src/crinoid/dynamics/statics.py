@@ -15,6 +15,7 @@ from crinoid.dynamics.balance import Balance, implicit_derivative, zero_tangents
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
+from crinoid.dynamics.rows import Rows
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
 from crinoid.foundation.fixed_numbers import (
@@ -32,8 +33,6 @@ from crinoid.foundation.fixed_numbers import (
 )
 from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
-
-Rows = Float[Array, "rows b"]
 
 
 def static_stage(

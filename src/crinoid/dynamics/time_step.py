@@ -15,15 +15,13 @@ from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.newton import solve
 from crinoid.dynamics.outcome import MIN_COSINE, Outcome, cos_turn_angle
-from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES, Rows
 from crinoid.dynamics.start import at_end, expected_acceleration, first_guess
 from crinoid.dynamics.state import State
 from crinoid.dynamics.windows import FlowPerturbation
 
 if TYPE_CHECKING:
     from crinoid.dynamics.system import System
-
-Rows = Float[Array, "rows b"]
 
 
 def step_with(

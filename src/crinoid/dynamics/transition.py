@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 Coordinates = Float[Array, " a"]
 Following = Float[Array, " s"]
-Rows = Float[Array, "rows b"]
 
 
 class Transition(NamedTuple):

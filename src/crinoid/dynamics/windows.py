@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.rows import Rows
 from crinoid.elements import Element, Law, Motion, TangentDirection
 from crinoid.numerics import banded, index_array
 
-Rows = Float[Array, "rows b"]
 Points = Float[Array, "rows d"]
 
 
