@@ -1,7 +1,5 @@
 """Control-loop diagnostics: saturation, growth, limit cycles, and disturbance rejection."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax.numpy as jnp

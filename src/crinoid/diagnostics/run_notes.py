@@ -1,7 +1,5 @@
 """Notes on a finished run: strains, contact, vortices, drag, and errors of the solution."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -6,8 +6,6 @@ states of the actuators. They determine the rest: the nodes that the base holds,
 space, the attitude of a vehicle, the reaction of the base.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -82,7 +80,7 @@ class Transition(NamedTuple):
 class LocalCoordinates:
     """Coordinates of the states of a system near a given one."""
 
-    def __init__(self, system: System, state: State) -> None:
+    def __init__(self, system: "System", state: State) -> None:
         self.system, self.state = system, state
         self.actuators, self.driven = numbers_of((state.servo, *state.actuators))
         self._memory = numbers_of(state.memory)[1]
@@ -168,7 +166,7 @@ class LocalCoordinates:
 
 
 def transition(
-    system: System,
+    system: "System",
     state: State,
     command: Float[Array, " input"],
     step: Float[Array, ""],

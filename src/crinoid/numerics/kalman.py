@@ -1,7 +1,5 @@
 """Kalman filter: corrections, and the stationary filter of readings in a repeating pattern."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +33,7 @@ class Correction(NamedTuple):
     """Covariance of the corrected states."""
 
     @staticmethod
-    def of(ahead: Matrix, seen: Matrix, of_readings: Float[np.ndarray, " y"]) -> Correction:
+    def of(ahead: Matrix, seen: Matrix, of_readings: Float[np.ndarray, " y"]) -> "Correction":
         """Return it for the covariance of predicted states, by readings ``seen`` of them.
 
         ``of_readings`` is the variance of the noise of each reading.

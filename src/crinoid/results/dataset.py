@@ -1,7 +1,5 @@
 """The dataset of a run: names, units, and derived quantities."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -200,7 +198,7 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
     return with_comments(xr.Dataset(found, along))
 
 
-def solids(surfaces: Mapping[str, SolidSurface]) -> Content:
+def solids(surfaces: "Mapping[str, SolidSurface]") -> Content:
     """Return the surfaces of solids from files, by table ``obstacle.0``, if there are any."""
     if not surfaces:
         return Content({}, {})

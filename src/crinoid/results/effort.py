@@ -1,7 +1,5 @@
 """Effort of a run: motion of the inputs and work, from the time that counts; pressure, thrust."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -136,7 +134,7 @@ class CostWeights(NamedTuple):
     """Weights of the commands."""
 
     @staticmethod
-    def of(scenario: Scenario, units: Sequence[str]) -> CostWeights:
+    def of(scenario: Scenario, units: Sequence[str]) -> "CostWeights":
         """Return the weights of a scenario with inputs in some units."""
         length, axes = scenario.arm.length, scenario.arm.dimension
         controlled = scenario.control.controlled

@@ -10,15 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.actuation import drives
 from crinoid.compilation import OFTEN, SOMETIMES, Program, compiled
-from crinoid.dynamics import (
-    ActingForces,
-    FarEdges,
-    Forces,
-    Hull,
-    Outcome,
-    State,
-    StepStatistics,
-)
+from crinoid.dynamics import ActingForces, FarEdges, Forces, Hull, Outcome, State, StepStatistics
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState
 

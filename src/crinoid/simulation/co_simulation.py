@@ -1,7 +1,5 @@
 """Co-simulation: an arm that another program steps, with variables by name."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

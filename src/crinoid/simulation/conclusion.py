@@ -1,7 +1,5 @@
 """The end of a run: its failure, its notes, and its result."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain

@@ -1,7 +1,5 @@
 """One tick of the closed loop: sensor, controller, base, arm."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any
