@@ -43,8 +43,9 @@ _LATELY = 5
 """Saved instants before a failure that show its vibrations."""
 
 
-def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
+def start_failure(setup: Setup) -> str:
     """Return why no initial state exists; empty if it does."""
+    scenario, system, outcome = setup.scenario, setup.loop.system, setup.outcome
     if outcome.converged:
         return ""
     if found := nonfinite(scenario, system, None, outcome):
@@ -216,7 +217,7 @@ def _other_base(scenario: Scenario) -> str:
 
 def dataset_builder(setup: Setup) -> Build:
     """Return what makes data of the instants of a run."""
-    loop, scenario = setup.loop, setup.prepared.scenario
+    loop, scenario = setup.loop, setup.scenario
     about = result_attributes(setup.prepared, UNFINISHED, 0.0, [])
 
     def build(kept: Record, before: float | None) -> xr.Dataset:
@@ -258,7 +259,7 @@ def conclude(
     Its energies are not to balance (``with_ledger``) where numbers of the arm changed meanwhile.
     Notes cost a tenth of a short run: not ``with_notes`` where nobody reads them.
     """
-    prepared, scenario, system = setup.prepared, setup.prepared.scenario, setup.loop.system
+    prepared, scenario, system = setup.prepared, setup.scenario, setup.loop.system
     dataset = with_velocity_moments(dataset)
     defect = None
     jumps, damped = command_jumps(dataset, system, prepared.facts), scenario.simulation.or_damping

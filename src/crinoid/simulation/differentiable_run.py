@@ -185,7 +185,7 @@ def closed_loop(
     [0.46, -9.83, 0.56]
     """
     setup = set_up(Prepared.with_parts(scenario, Parts(controller)))
-    if trouble := start_failure(setup.prepared.scenario, setup.loop.system, setup.outcome):
+    if trouble := start_failure(setup):
         raise RuntimeError(trouble)
     return setup.loop, setup.state
 
