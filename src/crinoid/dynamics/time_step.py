@@ -18,7 +18,6 @@ from crinoid.dynamics.outcome import MIN_COSINE, Outcome, cos_turn_angle
 from crinoid.dynamics.rows import BOUNDARY_NODES, Rows
 from crinoid.dynamics.start import at_end, expected_acceleration, first_guess
 from crinoid.dynamics.state import State
-from crinoid.dynamics.windows import FlowPerturbation
 
 if TYPE_CHECKING:
     from crinoid.dynamics.system import System
@@ -29,11 +28,12 @@ def step_with(
     state: State,
     ends: Sequence[Any],
     step: Float[Array, ""],
-    perturbation: FlowPerturbation | None = None,
+    water: Float[Array, "2 rows d"] | None = None,
 ) -> tuple[State, Outcome]:
     """Advance by one time step at whose end the actuators are in the states ``ends``.
 
-    ``perturbation`` changes the water at the nodes at the end of the step.
+    ``water`` is a change of its velocity (m/s) and material acceleration (m/s2) at all rows, at the
+    end of the step.
     """
     h, before, method = step, state.motion, system.integrator
     servo, *actuators = ends
@@ -52,8 +52,8 @@ def step_with(
     # the water is costly: evaluated once, for constant acceleration, and expanded from there.
     # Not at Newton's guess: a switch between predictors would make the step discontinuous
     around = forces.surroundings(stage, correction_for(before.acceleration))
-    if perturbation is not None:
-        around = around.perturbed(perturbation)
+    if water is not None:
+        around = around.perturbed(water)
     guess = correction_for(expected_acceleration(forces, state))
     if held is not None:
         guess = first_guess(forces, held, stage, state, guess)

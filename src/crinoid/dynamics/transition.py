@@ -24,7 +24,6 @@ from crinoid.dynamics.start import at_end
 from crinoid.dynamics.state import State
 from crinoid.dynamics.time_step import step_with
 from crinoid.dynamics.vehicle import turn_of, unknowns
-from crinoid.dynamics.windows import FlowPerturbation
 from crinoid.numerics.frames import angle_between, tangents, transport
 from crinoid.numerics.small_matrices import product
 
@@ -180,8 +179,7 @@ def transition(
     water = jnp.zeros((2, state.motion.position.shape[0], system.forces.axes))
 
     def move(arm: Array, held: Array, driven: Array, water: Array) -> Array:
-        change = FlowPerturbation(*water)
-        after, _ = step_with(system, before.at(arm, held), shaped(driven), step, change)
+        after, _ = step_with(system, before.at(arm, held), shaped(driven), step, water)
         return LocalCoordinates(system, jax.lax.stop_gradient(after)).read(after)[0]
 
     def follow(actuators: Array, command: Array) -> Array:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,15 +17,6 @@ from crinoid.elements import Element, Law, Motion, TangentDirection
 from crinoid.numerics import banded, index_array
 
 Points = Float[Array, "rows d"]
-
-
-class FlowPerturbation(NamedTuple):
-    """Change of the flow at the nodes."""
-
-    velocity: Float[Array, "n d"]
-    """m/s."""
-    acceleration: Float[Array, "n d"]
-    """Material acceleration (m/s2)."""
 
 
 class Surroundings(eqx.Module):
@@ -55,13 +46,11 @@ class Surroundings(eqx.Module):
             return velocity, self.acceleration
         return velocity, self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1)
 
-    def perturbed(self, perturbation: FlowPerturbation) -> "Surroundings":
-        """Return the surroundings with the flow at the nodes, the first rows, changed."""
-        nodes = slice(perturbation.velocity.shape[0])
+    def perturbed(self, change: Float[Array, "2 rows d"]) -> "Surroundings":
+        """Return the surroundings with another velocity (m/s) and acceleration (m/s2)."""
+        velocity, acceleration = change
         return replace(
-            self,
-            velocity=self.velocity.at[nodes].add(perturbation.velocity),
-            acceleration=self.acceleration.at[nodes].add(perturbation.acceleration),
+            self, velocity=self.velocity + velocity, acceleration=self.acceleration + acceleration
         )
 
 
