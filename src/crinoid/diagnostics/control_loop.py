@@ -13,7 +13,7 @@ from crinoid.elements import AddedMass
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.signals_and_systems import periodograms
 from crinoid.results.chunks import pieces
-from crinoid.results.errors import judged
+from crinoid.results.errors import judged, rms
 from crinoid.results.result import Result
 from crinoid.results.saturation import controlled, limit_shares
 from crinoid.scenario import Scenario, SineFlow, SurfaceWaves, percent
@@ -181,8 +181,7 @@ def comparison(result: Result) -> tuple[float, float] | None:
     which = which[:count]
     if not which.any():
         return None
-    errors = [data["tip_error"].values[:count][which] for data in runs]
-    with_, without = (float(np.sqrt(np.mean(error**2))) for error in errors)
+    with_, without = (rms(data["tip_error"].values[:count][which]) for data in runs)
     return with_, without
 
 
@@ -229,7 +228,7 @@ def _windows(
     error = error[which[: error.size]] if which.size >= error.size else error[: which.size][which]
     if error.size < 4 * _WINDOWS:
         return None
-    return np.array([np.sqrt(np.mean(part**2)) for part in np.array_split(error, _WINDOWS)])
+    return np.array([*map(rms, np.array_split(error, _WINDOWS))])
 
 
 def _spectrum(

@@ -5,9 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crinoid.numerics.signals_and_systems import gramian
-
-Matrix = Float[np.ndarray, "_ _"]
+from crinoid.numerics.signals_and_systems import Matrix, gramian
 
 _ROUNDS = 100
 """Largest number of passes through a pattern until the gains have settled."""
