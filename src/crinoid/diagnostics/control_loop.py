@@ -103,10 +103,8 @@ _NOTHING = 1e-4
 class LimitCycle(NamedTuple):
     """Limit cycle of a control loop."""
 
-    frequency: float
-    """Hz."""
-    amplitude: float
-    """RMS of the tip's error (m)."""
+    frequency: float  # Hz
+    amplitude: float  # RMS of the tip's error (m)
 
 
 def growth(result: Result) -> float | None:

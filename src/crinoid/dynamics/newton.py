@@ -35,7 +35,6 @@ class Settings(eqx.Module):
     tolerance: Float[Array, ""]
     """Largest imbalance over the largest force."""
     max_iterations: Int[Array, ""]
-    """Largest number of iterations."""
     weights: Float[Array, " b"]
     """Factor from the imbalance of each coordinate to a force: 1, for a spin 1 over a length."""
     max_turn: Float[Array, ""] | None = None

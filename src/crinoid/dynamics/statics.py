@@ -89,8 +89,7 @@ def find(
 class Rates(NamedTuple):
     """Squared rates at which an arm can leave an equilibrium, by stiffness and loads over mass."""
 
-    slowest: Float[Array, ""]
-    """1/s2."""
+    slowest: Float[Array, ""]  # 1/s2
     stiffest: Float[Array, ""]
     """Without loads (1/s2)."""
     by_load: Float[Array, ""]

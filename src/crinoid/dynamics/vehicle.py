@@ -107,14 +107,10 @@ class Thrusters(eqx.Module):
     All zero without thrusters.
     """
 
-    stiffness: Vector
-    """N/m"""
-    damping: Vector
-    """N s/m"""
-    turn_stiffness: Turns
-    """N m/rad"""
-    turn_damping: Turns
-    """N m s/rad"""
+    stiffness: Vector  # N/m
+    damping: Vector  # N s/m
+    turn_stiffness: Turns  # N m/rad
+    turn_damping: Turns  # N m s/rad
     max_force: Float[Array, ""]
     max_moment: Float[Array, ""]
 

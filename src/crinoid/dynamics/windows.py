@@ -59,7 +59,6 @@ Held = tuple[Any, Array | None] | None
 Slopes = tuple[Array, Array | None]
 
 Laws = tuple[tuple[Law, Held], ...]
-"""Laws, each with its memory."""
 ArmLaws = tuple[tuple[Element, Held], ...]
 """Elements of an arm, each with its memory."""
 

@@ -39,8 +39,7 @@ class Peak(NamedTuple):
     value: float
     station: float
     """Distance from the root along the arm at rest (m)."""
-    time: float
-    """s."""
+    time: float  # s
 
 
 class ContactExtremes(NamedTuple):
@@ -49,12 +48,9 @@ class ContactExtremes(NamedTuple):
     Forces are those at saved instants; times and gaps are over all time steps.
     """
 
-    time: float
-    """s."""
-    force: float
-    """N."""
-    gap: float
-    """m; negative where they overlap."""
+    time: float  # s
+    force: float  # N
+    gap: float  # m; negative where they overlap
     obstacles: tuple[int, int, int]
     """Their obstacles, in this order."""
 

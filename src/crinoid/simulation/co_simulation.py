@@ -50,7 +50,6 @@ class CoSimulation:
         self.inputs = inputs_of(prepared)
         """Inputs, all numbers."""
         self.parameters = parameters_of(given)
-        """Parameters."""
         self._quantities = outputs_of(prepared)
         self.outputs = [each for some in self._quantities for each in some.variables]
         """Outputs: numbers, and the array ``shape`` (node, axis)."""

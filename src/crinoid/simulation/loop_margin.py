@@ -75,8 +75,7 @@ class Margin(NamedTuple):
 class OpenLoop(NamedTuple):
     """The transfer of a loop that is cut at the commands of the inputs that are driven."""
 
-    frequency: Float[np.ndarray, " f"]
-    """Hz."""
+    frequency: Float[np.ndarray, " f"]  # Hz
     transfer: Loops
     integrated: Float[np.ndarray, "*water input input"]
     """Gain of the integral terms on slow commands (1/s)."""
