@@ -54,7 +54,8 @@ def step_with(
     # Not at Newton's guess: a switch between predictors would make the step discontinuous
     around = forces.surroundings(stage, correction_for(before.acceleration))
     if water is not None:
-        around = around.perturbed(water)
+        velocity, acceleration = around.velocity + water[0], around.acceleration + water[1]
+        around = replace(around, velocity=velocity, acceleration=acceleration)
     guess = correction_for(expected_acceleration(forces, state))
     if held is not None:
         guess = first_guess(forces, held, stage, state, guess)

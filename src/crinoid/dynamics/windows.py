@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -45,13 +45,6 @@ class Surroundings(eqx.Module):
         if self.acceleration_slope is None:
             return velocity, self.acceleration
         return velocity, self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1)
-
-    def perturbed(self, change: Float[Array, "2 rows d"]) -> "Surroundings":
-        """Return the surroundings with another velocity (m/s) and acceleration (m/s2)."""
-        velocity, acceleration = change
-        return replace(
-            self, velocity=self.velocity + velocity, acceleration=self.acceleration + acceleration
-        )
 
 
 Held = tuple[Any, Array | None] | None
