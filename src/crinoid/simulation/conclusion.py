@@ -27,9 +27,9 @@ from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.foundation.axes import LARGEST_TURN
 from crinoid.foundation.status import Status
-from crinoid.results.dataset import Instants, build_dataset, describe, solids
+from crinoid.results.dataset import Instants, build_dataset, describe, signals, solids
 from crinoid.results.dimensionless import dimensionless, with_velocity_moments
-from crinoid.results.record import Record, signals
+from crinoid.results.record import Record
 from crinoid.results.result import UNFINISHED, Result
 from crinoid.results.result_file import named_leaves
 from crinoid.scenario import Scenario, counted
