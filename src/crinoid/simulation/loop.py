@@ -223,6 +223,23 @@ class Loop(eqx.Module):
         return replace(commanded, state=state, books=books, steps=steps, tally=tally)
 
 
+_OF_INPUTS = ("feedforward", "command", "lower", "upper")
+"""Fields of what a controller sees that have a number for each input."""
+
+
+@compiled(**OFTEN)
+def see(
+    loop: Loop, state: LoopState, rows: Int[Array | np.ndarray, " input"]
+) -> tuple[ControllerInput, Int[Array, ""], Int[Array, ""]]:
+    """Return what a controller of some inputs sees, and the time steps of two commands.
+
+    These are the present one and the next.
+    """
+    seen = loop.seen(state.state, loop.sensed(state), state.command)
+    seen = replace(seen, **{name: getattr(seen, name)[rows] for name in _OF_INPUTS})
+    return seen, loop.command_step(state.ticks), loop.command_step(state.ticks + 1)
+
+
 _MIN_TIME = 0.05
 """Shortest CPU time of a measurement (s), which makes the call of the program negligible."""
 _REPEATS = 5

@@ -30,7 +30,6 @@ from crinoid.scenario import Scenario, ScenarioError, counted, refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
-from crinoid.simulation.controller_view import see
 from crinoid.simulation.external import (
     CommandLike,
     ExternalCommand,
@@ -39,6 +38,7 @@ from crinoid.simulation.external import (
     inputs_in_words,
 )
 from crinoid.simulation.lateness import Lateness
+from crinoid.simulation.loop import see
 from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import Sink, require_space
