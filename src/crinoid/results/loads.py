@@ -182,11 +182,15 @@ def largest_strain(result: Result) -> Peak | None:
     return _peak(data, strains)
 
 
+def stretch_of_edges(part: xr.Dataset) -> Float[np.ndarray, "time edge"]:
+    """Return the strain of the arm's axis (1)."""
+    edges = np.diff(part["position"].values, axis=1)
+    return np.asarray(np.linalg.norm(edges, axis=2) / np.diff(part["arc_length"].values) - 1)
+
+
 def stretch_at_nodes(part: xr.Dataset) -> Float[np.ndarray, "time node"]:
     """Return the strain of the arm's axis at the nodes, the mean of both edges (1)."""
-    edges = np.diff(part["position"].values, axis=1)
-    stretch = np.linalg.norm(edges, axis=2) / np.diff(part["arc_length"].values) - 1
-    return at_nodes(stretch)
+    return at_nodes(stretch_of_edges(part))
 
 
 def bending_cycles(result: Result) -> BendingCycles | None:
