@@ -160,8 +160,7 @@ class Loop(eqx.Module):
         state, books, progress = self.system.advance_with_account(
             carry.state, carry.books, commanded.command, before=carry.tally
         )
-        assert progress.outcome is not None
-        return self._advanced(commanded, state, books, progress), progress.outcome
+        return self._advanced(commanded, state, books, progress)
 
     def step(self, carry: LoopState) -> tuple[LoopState, Outcome]:
         """Advance like `tick`, but without books, and differentiable in both modes.
@@ -171,7 +170,7 @@ class Loop(eqx.Module):
         """
         commanded = self._commanded(carry)
         state, outcome = self.system.step(carry.state, commanded.command)
-        return self._advanced(commanded, state, None, carry.tally.with_solve(outcome)), outcome
+        return self._advanced(commanded, state, None, carry.tally.with_solve(outcome))
 
     def sensed(self, carry: LoopState) -> tuple[SensorState, ...]:
         """Return the sensors when those have measured whose time has come, and no others."""
@@ -211,8 +210,8 @@ class Loop(eqx.Module):
         state: State,
         books: EnergyAccount | None,
         progress: StepStatistics,
-    ) -> LoopState:
-        """Return the loop when the arm has moved."""
+    ) -> tuple[LoopState, Outcome]:
+        """Return the loop when the arm has moved, and the outcome of the last solve."""
         assert progress.outcome is not None
         converged = progress.outcome.converged
         steps = commanded.steps + converged
@@ -220,7 +219,8 @@ class Loop(eqx.Module):
         counted = jnp.where(converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
         tally = replace(progress, outcome=None)
-        return replace(commanded, state=state, books=books, steps=steps, tally=tally)
+        after = replace(commanded, state=state, books=books, steps=steps, tally=tally)
+        return after, progress.outcome
 
 
 _OF_INPUTS = ("feedforward", "command", "lower", "upper")
