@@ -245,8 +245,7 @@ class ControlledScenario(NamedTuple):
 
         prepared.check()
         setup = set_up(prepared)
-        trouble = start_failure(scenario, setup.loop.system, setup.outcome)
-        if trouble:
+        if trouble := start_failure(setup):
             raise StartError(trouble)
         target = ShiftedTarget.of(setup.loop.target, scenario.arm.dimension)
         loop = eqx.tree_at(lambda x: x.target, setup.loop, target)
