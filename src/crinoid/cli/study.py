@@ -129,7 +129,7 @@ def _run_cases(
     if notes:
         printed = cases_table(plan.scenario.title, plan.keys, table, registry)
         means = _means(plan, rows, registry)
-        say_where([folder / CASES, *means.show(printed, folder, notes_of_cases(notes))])
+        say_where([folder / CASES, *means.show([printed], folder, notes_of_cases(notes))])
     return ended or listed(failures, CASES)
 
 
