@@ -66,8 +66,11 @@ MISTAKES = [
     (sweep(GRID, rows={YOUNG: [1e6]}), "--weights: excludes --vary"),
     (sweep(rows={YOUNG: [1e6]}, sampling="lhs", count=4), "--weights: excludes --vary"),
     (sweep(rows={"arm.lengt": [0.3]}), "--weights: .*arm.lengt: unknown key; did you mean arm.len"),
-    (sweep(GRID, "arm.nodes=5,7", sampling="rows"), r"--sample: rows: got \[4, 2\] values"),
-    (sweep(sampling="rows"), r"--sample: rows: got \[\] values"),
+    (sweep(GRID, sampling="rows"), "--sample: rows needs --weights FILE"),
+    (
+        plan(sampling="rows", varied={"arm.length": [0.3], "arm.radius": [0.01, 0.02]}),
+        r"varied: got \[1, 2\] values in rows; must be as many of each key",
+    ),
     (plan(version="0.0.1"), 'version: got "0.0.1"'),
     (plan(count="1"), 'count: got "1"; must be of type int'),
     (plan(varied={"arm.nodes": "5:200004:200000"}), "--batch: makes 200000 batches, a file each"),

@@ -168,10 +168,6 @@ def test_the_rows_of_a_table_are_the_cases(tmp_path):
     assert {1, 3} <= set(plan.examples(2))  # both rows
     again = SweepDesign.from_toml(plan.to_toml())
     assert [again.values(run) for run in range(1, 5)] == [plan.values(run) for run in range(1, 5)]
-    # lists and ranges of the command may be rows as well
-    plan = SweepDesign.of(ARM, ["arm.nodes=5,7,5", "arm.length=0.3:0.5:3"], sampling="rows")
-    assert column(plan, "arm.length") == pytest.approx([0.3, 0.4, 0.5])
-    assert column(plan, "arm.nodes") == [5, 7, 5]
 
 
 def test_statistics_over_all_time_are_those_by_hand():

@@ -30,7 +30,6 @@ from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
-from crinoid.results.extremes import LEAST
 from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import CASES, measures_of
 from crinoid.results.units import length_unit
@@ -228,27 +227,27 @@ def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = Non
 
 
 def extremes_table(data: xr.Dataset) -> Table:
-    """Return the main extremes over all cases by return period."""
-    found, rows = extremes_of(data), []
+    """Return the main extremes over all cases by return period, with the interval of the last."""
+    found, rows, periods = extremes_of(data), [], [f"{each:g}" for each in data["return_period"]]
     for name in main_measures(map(str, found)):
         unit = unit_for(found[name])
-        ends = ([*map(unit.number, row)] for row in found[name].values)
-        rows.append([head_of(name, unit), *(f"{v} [{low}, {high}]" for v, low, high in ends)])
-    heads = ["exceeded once in", *(f"{years:g} years" for years in data["return_period"].values)]
-    return new_table("Over all of it, 95 % interval", heads, rows, box=box.SIMPLE, pad_edge=False)
+        numbers = found[name].sel(estimate="value").values
+        low, high = map(unit.number, found[name].values[-1, 1:])
+        rows.append([head_of(name, unit), *map(unit.number, numbers), f"{low} to {high}"])
+    heads = ["exceeded once in (year)", *periods, f"95 % interval, {periods[-1]}"]
+    return new_table("Over all of it", heads, rows, box=box.SIMPLE, pad_edge=False)
 
 
 def _long_term_notes(data: xr.Dataset, plan: SweepDesign) -> list[str]:
     """Return how far extremes extrapolate, or why there are none, and how failures count."""
     runs = f"{counted(plan.seeds, 'seed')} of {judged_time(plan):g} s in each case"
-    text = f"extremes extrapolate {runs} to {float(data['return_period'].max()):g} years"
+    notes = [f"extremes extrapolate {runs} to {float(data['return_period'].max()):g} years"]
     if not extremes_of(data):
-        text = (
-            f"no extremes by return period from {runs}: {LEAST} or more must reach their end and "
-        )
-        text += "differ. Use --seeds 10."
-    fails = data["within_tolerance"].isnull().any() and "combined_within_tolerance" in data
-    return [text, *["a run that fails is outside of the tolerance all the time"] * bool(fails)]
+        text = f"no extremes by return period from {runs}"
+        notes = [f"{text}: 3 or more must reach their end and differ. Use --seeds 10."]
+    if "combined_within_tolerance" in data and data["within_tolerance"].isnull().any():
+        notes.append("a run that fails is outside of the tolerance all the time")
+    return notes
 
 
 def estimate_sweep(plan: SweepDesign, workers: int, scheduler: str | None) -> None:

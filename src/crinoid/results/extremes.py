@@ -6,10 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-LEAST = 3
-"""Smallest number of maxima."""
+_LEAST = 3  # smallest number of maxima
 _SAMPLES = 2000  # samples of the same size that give the intervals
-_FEWER = 5  # one of so many samples counts over many conditions
 _EQUAL = 1e-9  # scale over location of maxima that are equal up to round-off
 _HALVINGS, _LOWEST = 60, -700.0  # of a range; a reduced value below which exponentials overflow
 
@@ -55,8 +53,8 @@ class Gumbel:
     ) -> None:
         values = [np.asarray(each, float) for each in maxima]
         self.count = min(each.size for each in values)
-        if self.count < LEAST or not all(np.isfinite(each).all() for each in values):
-            text = f"maxima: got {self.count} numbers; must be a list of at least {LEAST}"
+        if self.count < _LEAST or not all(np.isfinite(each).all() for each in values):
+            text = f"maxima: got {self.count} numbers; must be a list of at least {_LEAST}"
             raise ValueError(f"{text} finite numbers")
         self.shares = np.ones(1) if shares is None else shares
         self.location, scale = np.concatenate([_fit(each[None]) for each in values], axis=1)
@@ -65,14 +63,12 @@ class Gumbel:
             raise ValueError("maxima: got equal numbers; must differ. Vary the seed.")
         self.scale = np.maximum(scale, least)
 
-    def return_level(self, runs: float = 100, *, confidence: float = 0.95) -> ReturnLevel:
+    def return_level(self, runs: int | float = 100, *, confidence: float = 0.95) -> ReturnLevel:
         """Return the value that one of ``runs`` runs exceeds on average, with its interval."""
         if not (runs > 1 and 0 < confidence < 1):
             text = f"got {runs} and {confidence}; must be above 1, and between 0 and 1"
             raise ValueError(f"runs, confidence: {text}")
-        drawn, spread = (
-            each[:: min(self.scale.size, _FEWER), None] for each in _reduced(self.count)
-        )
+        drawn, spread = (each[:, None] for each in _reduced(self.count))
         location = np.concatenate(
             [self.location[None], self.location - self.scale * drawn / spread]
         )

@@ -109,11 +109,11 @@ class SweepDesign(Design):
             varied[key] = values
         if rows:
             if known or sampling != "grid" or varied.keys() - rows.keys():
-                text = (
-                    "excludes --vary, [vary] and --sample: its rows are all cases. Leave them out."
-                )
-                raise refusal("--weights", text)
+                hint = "Leave them out: its rows are all cases."
+                raise refusal("--weights", f"excludes --vary, vary and --sample. {hint}")
             varied, sampling = dict(rows), ROWS
+        elif sampling == ROWS:
+            raise refusal("--sample", "rows needs --weights FILE, which has them")
         alone = described.with_values({})
         found = {
             key: values if isinstance(values, Span) else _settled(alone, key, values)
@@ -310,7 +310,7 @@ def _check(
 ) -> None:
     known = ("grid", *SAMPLINGS, ROWS)
     if sampling not in known:
-        raise refusal("--sample", got(sampling, f"be {one_of(known)}"))
+        raise refusal("--sample", got(sampling, f"be {one_of(known[:-1])}"))
     for option, number in {"--count": count, "--seeds": seeds, "--batch": batch}.items():
         if number is not None and number < 1:
             raise refusal(option, got(number, "be at least 1"))
@@ -320,7 +320,7 @@ def _check(
     sizes = [(v.count or 1) if isinstance(v, Span) else len(v) for v in varied.values()]
     if sampling == ROWS:
         if len(set(sizes)) != 1:
-            raise refusal("--sample", f"rows: got {sizes} values; must be as many of each key")
+            raise refusal("varied", f"got {sizes} values in rows; must be as many of each key")
         sizes = sizes[:1]
     if (runs := prod(sizes) * seeds) > MOST_RUNS:
         raise refusal("--vary", f"makes {runs} runs; must make at most {MOST_RUNS}")
