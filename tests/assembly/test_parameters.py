@@ -88,7 +88,7 @@ def test_added_mass_of_the_literature_follows_the_swings_of_the_water():
     swing = {"sine": 0.1 * 4.0, "wave": 2 * np.pi * 0.15 * np.exp(-number)}
     for flow, wanted in (([sine], swing["sine"]), ([sine, wave], swing["wave"]), ([], 0.0)):
         scenario = crinoid.Scenario(arm={"radius": 0.04}, water=water, base=base, flow=flow)
-        found = keulegan_carpenter(scenario)
+        found = keulegan_carpenter(scenario, crinoid.parameters(scenario).flow)
         assert found == pytest.approx(wanted / 0.08, rel=1e-9)
         mass = float(crinoid.parameters(scenario).water.added_mass_normal)
         assert mass == pytest.approx(max(0.6, 1 - 0.044 * max(0.0, found - 3)), rel=1e-12)

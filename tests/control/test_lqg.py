@@ -94,7 +94,7 @@ def test_drag_is_linear_about_the_water_of_calm_moments():
 
 
 def test_the_fluctuations_of_the_water_come_from_its_flows():
-    swell, drift, rest = fluctuations(crinoid.load("station-keeping"), {}, 1.0)
+    swell, drift, rest = fluctuations(crinoid.load("station-keeping"), {}, (), 1.0)
     np.testing.assert_allclose(swell.deviation, [0.25 / np.sqrt(2), 0.0])
     assert swell.time == pytest.approx(1 / 0.0833)
     np.testing.assert_allclose(drift.deviation, 0.8 * 0.06)
@@ -110,7 +110,7 @@ def test_fluctuations_of_a_record_scale_with_how_it_is_played():
     played = crinoid.load("tidal-channel")
     slower = played.with_values({"flow.0.time_scale": 0.5, "flow.0.velocity_scale": 0.165})
     quick, slow = (
-        fluctuations(scenario, Prepared(scenario).recordings, 1.0)[0]
+        fluctuations(scenario, Prepared(scenario).recordings, (), 1.0)[0]
         for scenario in (played, slower)
     )
     assert 0.5 < quick.time < 5  # `crinoid flow tidal-channel`: 1.5 s where it is played

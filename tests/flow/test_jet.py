@@ -44,7 +44,6 @@ def flows(dimension):
     """Return one flow of each kind, all of them coming on."""
     onset = Onset.of(0.5, 3.0)
     mean = np.asarray(vector(dimension, 0.4, 0.1))
-    heading = np.array([1.0] if dimension == 2 else [0.6, 0.8])
     first, second, third = map(np.random.default_rng, (1, 2, 3))
     return (
         Uniform(onset, vector(dimension, 0.3, 0.2)),
@@ -65,15 +64,17 @@ def flows(dimension):
         Turbulence.of(
             onset, mean=mean, intensity=0.3, length_scale=5.0, modes=64, generator=second
         ),
-        Waves.of(
+        Waves.jonswap(
             onset,
             significant_height=1.5,
             peak_period=5.0,
-            heading=heading,
+            direction=0.6435,
+            spreading=8.0,
             gamma=3.3,
             components=16,
             depth=30.0,
             gravity=9.81,
+            current=(0.0,) * (dimension - 1),
             generator=third,
         ).carried(jnp.zeros(dimension), jnp.asarray(9.81)),
     )

@@ -15,21 +15,33 @@ from helpers.currents import gradients, numbers
 
 GRAVITY = 9.81
 REGULAR = {"kind": "regular-wave", "height": 0.8, "period": 5.0}
-OBLIQUE = np.array([np.cos(0.7), np.sin(0.7)])
 
 
-def waves(*, seed=0, heading=OBLIQUE, components=64, depth=25.0, height=2.0, period=7.0, gamma=3.3):
-    return Waves.of(
+def waves(
+    *,
+    seed=0,
+    direction=0.7,
+    level=2,
+    spreading=None,
+    components=64,
+    depth=25.0,
+    height=2.0,
+    period=7.0,
+    gamma=3.3,
+):
+    return Waves.jonswap(
         Onset.of(),
         significant_height=height,
         peak_period=period,
-        heading=heading,
+        direction=direction,
+        spreading=spreading,
         gamma=gamma,
         components=components,
         depth=depth,
         gravity=GRAVITY,
+        current=(0.0,) * level,
         generator=np.random.default_rng(seed),
-    ).carried(jnp.zeros(heading.size + 1), jnp.asarray(GRAVITY))
+    ).carried(jnp.zeros(level + 1), jnp.asarray(GRAVITY))
 
 
 @eqx.filter_jit
@@ -63,7 +75,7 @@ def test_dispersion(depth):
 
 
 def test_deep_water_decays_as_an_exponential_and_never_overflows():
-    flow = waves(components=1, depth=1e4, heading=np.array([1.0]))
+    flow = waves(components=1, depth=1e4, direction=0.0, level=1)
     number, frequency = float(flow.wave_numbers[0]), float(flow.frequencies[0])
     assert number == pytest.approx(frequency**2 / GRAVITY, rel=1e-12)
     for height in (0.0, -1.0, -10.0, -40.0):
@@ -75,7 +87,7 @@ def test_deep_water_decays_as_an_exponential_and_never_overflows():
 
 def test_shallow_water_moves_as_one():
     depth = 5e-4
-    flow = waves(components=1, depth=depth, height=1e-5, heading=np.array([1.0]))
+    flow = waves(components=1, depth=depth, height=1e-5, direction=0.0, level=1)
     shallow = float(flow.wave_numbers[0]) * depth
     assert shallow < 0.01
     speed = float(flow.amplitudes[0]) * np.sqrt(GRAVITY / depth)
@@ -159,7 +171,7 @@ def test_components_have_no_common_period():
 
 
 def test_a_planar_arm_sees_the_cut_through_them():
-    full, flat = waves(), waves(heading=OBLIQUE[:1])
+    full, flat = waves(), waves(level=1)
     whole = jets(full, [[3.0, 0.0, -4.0]], 2.1)
     cut = jets(flat, [[3.0, -4.0]], 2.1)
     keep = np.array([0, 2])
@@ -317,5 +329,15 @@ def test_a_scenario_turns_them_and_keeps_their_phases():
 
     headings = {(0.0, 2): [1.0], (60.0, 2): [0.5], (60.0, 3): [0.5, np.sqrt(0.75)]}
     for way, heading in headings.items():
-        assert flow(*way).heading == pytest.approx(heading)
+        np.testing.assert_allclose(flow(*way).headings, [heading] * 64, atol=1e-12)
         np.testing.assert_array_equal(flow(*way).phases, flow(60.0, 2).phases)
+
+
+@pytest.mark.parametrize("spreading", [1.0, 10.0, 100.0])
+def test_directions_follow_the_spreading(spreading):
+    # cos^2s has the first moment s / (s + 1), so a width of sqrt(2 / (s + 1)) (Kuik et al. 1988)
+    drawn = [np.asarray(waves(seed=seed, spreading=spreading).headings) for seed in range(20)]
+    mean = (np.concatenate(drawn) @ [1, 1j]).mean()
+    assert np.angle(mean) == pytest.approx(0.7, abs=0.01)
+    width = np.sqrt(2 * (1 - np.abs(mean)))
+    assert width == pytest.approx(np.sqrt(2 / (spreading + 1)), rel=0.01)

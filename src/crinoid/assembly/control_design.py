@@ -53,7 +53,9 @@ def observer_model(
         if isinstance(each.measurand, (Shape, Inclination))
     ]
     shapes = min(1 + sum(stations), _MAX_SHAPES)
-    expected = fluctuations(scenario, plan.recordings, plan.first_period)
+    expected = fluctuations(
+        scenario, plan.recordings, plan.system.forces.water.flows, plan.first_period
+    )
     deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
     model = linear_model(plan, driven, max(shapes, foreseen), deviation)
     nodes = np.asarray(plan.state.position)

@@ -14,6 +14,7 @@ from crinoid.scenario import (
     GaussMarkovFlow,
     GustFlow,
     MeasuredFlow,
+    SeaState,
     ShearFlow,
     SineFlow,
     SurfaceWaves,
@@ -190,6 +191,10 @@ class Facts:
         known = {i: self._fastest(i, flow) for i, flow in enumerate(self.scenario.flow)}
         return {index: speed for index, speed in known.items() if speed is not None}
 
+    def sea_state(self, index: int, waves: SurfaceWaves) -> SeaState:
+        """Return the size of the surface waves at ``index`` of the flows."""
+        return waves.state or waves.state_of(self.prepared.system.forces.water.flows[index])
+
     @property
     def current(self) -> float:
         """Speed that all flows together do not exceed for long (m/s)."""
@@ -249,11 +254,11 @@ class Facts:
                 return math.hypot(*flow.mean) + _RARE * max(spread)
             case TurbulenceFlow():
                 return math.hypot(*flow.mean) * (1 + _RARE * flow.intensity)
-            case SurfaceWaves():
+            case SurfaceWaves() if (state := flow.state) is not None:
                 depth = max(0.0, -self.scenario.base.position[-1] - self.length)
-                rate = 2 * math.pi / flow.wave_period
+                rate = 2 * math.pi / state.period
                 number = rate**2 / max(self.scenario.water.gravity, 1e-9)
-                return flow.wave_height / 2 * rate * math.exp(-number * depth)
+                return state.height / 2 * rate * math.exp(-number * depth)
             case MeasuredFlow():
                 velocity = self.prepared.recordings[index].velocity
                 return float(np.nanmax(np.linalg.norm(velocity, axis=-1)))

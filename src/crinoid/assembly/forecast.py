@@ -13,13 +13,14 @@ from numpy.polynomial import legendre
 
 from crinoid.assembly.arrays import array
 from crinoid.control import Along, FrozenTurbulenceForecast, KnownWater, WaterVelocity
-from crinoid.flow import Water
+from crinoid.flow import Flow, Water
 from crinoid.numerics.signals_and_systems import integral_time
 from crinoid.scenario import (
     GaussMarkovFlow,
     GustFlow,
     MeasuredFlow,
     Scenario,
+    SeaState,
     SineFlow,
     SurfaceWaves,
     TurbulenceFlow,
@@ -104,10 +105,14 @@ class Fluctuation(NamedTuple):
 
 
 def fluctuations(
-    scenario: Scenario, recordings: Mapping[int, Recording], first_period: float
+    scenario: Scenario,
+    recordings: Mapping[int, Recording],
+    flows: Sequence[Flow],
+    first_period: float,
 ) -> tuple[Fluctuation, ...]:
     """Return the fluctuations of all flows of a scenario, one that is slow last.
 
+    ``flows`` are those built from it.
     ``first_period`` is that of the arm's slowest vibration (s).
     """
     slow = _SLOW * first_period
@@ -130,7 +135,7 @@ def fluctuations(
                 spread = np.abs(flow.amplitude) / math.sqrt(2)
                 found.append(Fluctuation(spread, 1 / flow.frequency_hz, _NARROW))
             case SurfaceWaves():
-                found.append(_waves(flow, scenario))
+                found.append(_waves(flow.state_of(flows[index]), scenario))
             case MeasuredFlow():
                 found.append(_measured(recordings[index], slow))
     total = np.sqrt(sum((each.deviation**2 for each in found), np.zeros(axes)))
@@ -209,14 +214,14 @@ def _isotropic(away: Float[np.ndarray, "... d"], length: float) -> Float[np.ndar
     return across[..., None, None] * np.eye(away.shape[-1]) + steep[..., None, None] * radial
 
 
-def _waves(flow: SurfaceWaves, scenario: Scenario) -> Fluctuation:
+def _waves(state: SeaState, scenario: Scenario) -> Fluctuation:
     """Return what long-crested waves do at the middle of the arm, those of the peak's period."""
-    rate = 2 * math.pi / flow.wave_period
+    rate = 2 * math.pi / state.period
     number = rate**2 / max(scenario.water.gravity, 1e-9)
     depth = -scenario.base.position[-1]
-    orbital = flow.deviation * rate * math.exp(-number * max(depth, 0.0))
+    orbital = state.deviation * rate * math.exp(-number * max(depth, 0.0))
     spread = np.full(scenario.arm.dimension, orbital)
-    return Fluctuation(spread, flow.wave_period, _NARROW if flow.regular else _WIDTH)
+    return Fluctuation(spread, state.period, _NARROW if state.regular else _WIDTH)
 
 
 def _measured(recording: Recording, slow: float) -> Fluctuation:
@@ -288,7 +293,9 @@ def carried_water(
     stride = max(1, round(_SPACING * plan.first_period / plan.period))
     count = int(np.ceil(memory / (stride * plan.period))) + 1
     taken = -np.arange(count) * stride * plan.period - float(sensor.delay)
-    expected = fluctuations(plan.scenario, plan.recordings, plan.first_period)
+    expected = fluctuations(
+        plan.scenario, plan.recordings, plan.system.forces.water.flows, plan.first_period
+    )
 
     def covariance(
         counted: Sequence[Fluctuation],

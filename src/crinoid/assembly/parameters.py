@@ -164,46 +164,49 @@ class WaterParameters(eqx.Module):
     """With it (m2/s) ``drag_normal`` is a factor on the drag of a smooth cylinder."""
 
     @staticmethod
-    def of(scenario: Scenario) -> WaterParameters:
-        """Return the numbers of a scenario."""
+    def of(scenario: Scenario, flows: Sequence[Flow]) -> WaterParameters:
+        """Return the numbers of a scenario with its flows."""
         water = scenario.water
         given: dict[str, Any] = {"kinematic_viscosity": None}
         if water.coefficients == "literature":
             given = {
                 "kinematic_viscosity": array(water.kinematic_viscosity),
                 "drag_normal": array(1.0),
-                "added_mass_normal": array(cylinder_added_mass(keulegan_carpenter(scenario))),
+                "added_mass_normal": array(
+                    cylinder_added_mass(keulegan_carpenter(scenario, flows))
+                ),
             }
         vortices = VortexParameters.of(scenario)
         return from_table(WaterParameters, water, vortices=vortices, **given)
 
 
-def keulegan_carpenter(scenario: Scenario) -> float:
+def keulegan_carpenter(scenario: Scenario, flows: Sequence[Flow]) -> float:
     """Return the Keulegan-Carpenter number of the water at the base.
 
     It is the largest of those of sines and surface waves, and 0 without them: ``U T / d`` of the
     amplitude of the velocity, the period and the mean diameter of the arm.
     """
     diameter, found = float(np.mean(scenario.arm.diameters)), [0.0]
-    for flow in scenario.flow:
+    for flow, built in zip(scenario.flow, flows, strict=True):
         if isinstance(flow, SineFlow):
             found.append(float(np.hypot.reduce(flow.amplitude)) / flow.frequency_hz)
         elif isinstance(flow, SurfaceWaves):
-            depth, gravity = scenario.water.depth, scenario.water.gravity
+            state, gravity = flow.state_of(built), scenario.water.gravity
+            along = flow.current_along(scenario)
             waves = Waves.regular(
                 flow.onset,
-                height=2 * np.sqrt(2) * flow.deviation,
-                period=flow.wave_period,
-                heading=(1.0,),
+                height=2 * np.sqrt(2) * state.deviation,
+                period=state.period,
+                direction=0.0,
                 phase=0.0,
-                depth=depth,
+                depth=scenario.water.depth,
                 gravity=gravity,
-                current=flow.current(scenario),
-            ).carried(array([flow.current(scenario), 0.0]), array(gravity))
+                current=(along,),
+            ).carried(array([along, 0.0]), array(gravity))
             place = array((0.0, scenario.base.position[-1]))
             # the level velocity under a crest
             speed = float(waves.fully_on(place, array(0.0))[0])
-            found.append(speed * flow.wave_period)
+            found.append(speed * state.period)
     return max(found) / diameter if diameter else 0.0
 
 
@@ -315,14 +318,15 @@ class Parameters(Represented, eqx.Module):
         if (loss := scenario.arm.loss_factor) is not None:
             branches = branches_of_loss_factor(loss.value, loss.band_hz).T.tolist()
         relaxation = tuple(RelaxationParameters(*map(array, branch)) for branch in branches)
+        flows = tuple(
+            build_flow(scenario, index, flow, recordings.get(index))
+            for index, flow in enumerate(scenario.flow)
+        )
         return Parameters(
             arm=from_table(ArmParameters, scenario.arm, section=section, relaxation=relaxation),
             base=BaseParameters.of(scenario, series),
-            water=WaterParameters.of(scenario),
-            flow=tuple(
-                build_flow(scenario, index, flow, recordings.get(index))
-                for index, flow in enumerate(scenario.flow)
-            ),
+            water=WaterParameters.of(scenario, flows),
+            flow=flows,
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario, surfaces) if scenario.obstacle else None,
             contact=SelfContactParameters.of(scenario),

@@ -21,14 +21,18 @@ from crinoid.foundation.fixed_numbers import (
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import product
 
+_ANGLES = 721
+"""Directions of a turn, both ends included."""
+_GOLDEN = (5**0.5 - 1) / 2
+
 
 class Waves(Flow):
     """Linear (Airy) waves on water of finite depth, with the still surface at z = 0.
 
-    With ``theta = k (heading . x) - omega t + phase`` and the elevation ``sum a cos(theta)``,
-    level and upward velocity are sums of ``a sigma C cos(theta)``, along the heading, and
-    ``a sigma S sin(theta)``, where ``C, S = cosh, sinh(k (z + h)) / sinh(k h)`` (Dean and
-    Dalrymple 1991, chapter 3). Above the still surface the water moves as at the surface,
+    With ``theta = k (heading . (x - origin)) - omega t + phase`` and the elevation
+    ``sum a cos(theta)``, level and upward velocity are sums of ``a sigma C cos(theta)``, along the
+    heading, and ``a sigma S sin(theta)``, where ``C, S = cosh, sinh(k (z + h)) / sinh(k h)`` (Dean
+    and Dalrymple 1991, chapter 3). Above the still surface the water moves as at the surface,
     below the bed as on it. In still water ``sigma = omega``; on a uniform current ``U`` waves have
     ``omega = sigma + k heading . U`` at a fixed point (Peregrine 1976, Adv. Appl. Mech. 16).
     """
@@ -37,8 +41,10 @@ class Waves(Flow):
     onset: Onset
     depth: Float[Array, ""]
     """Depth of the water (m)."""
-    heading: Float[Array, " level"]
-    """Level components of the unit vector along which the waves travel."""
+    origin: Float[Array, " level"]
+    """Level coordinates of the point that the phases belong to (m)."""
+    headings: Float[Array, "m level"]
+    """Level components of the unit vector along which each component travels."""
     amplitudes: Float[Array, " m"]
     """Amplitudes of the elevation (m)."""
     frequencies: Float[Array, " m"]
@@ -54,35 +60,76 @@ class Waves(Flow):
     def of(
         onset: Onset,
         *,
+        headings: Float[np.ndarray, "m level"],
+        amplitudes: Float[np.ndarray, " m"],
+        frequencies: Float[np.ndarray, " m"],
+        phases: Float[np.ndarray, " m"],
+        depth: float | None,
+        gravity: float,
+        current: Sequence[float],
+        origin: Sequence[float] | None = None,
+    ) -> "Waves":
+        """Return the sum of components that can travel on a level ``current`` (m/s).
+
+        SI units, ``phases`` in turns. Without a depth the water is deep.
+
+        Raises
+        ------
+        ValueError
+            If the current stops all components.
+        """
+        along = headings @ np.asarray(current, float)
+        travels = frequencies < stopped(-along, depth, gravity) * (1 - 1e-9)
+        if not travels.any():
+            raise ValueError("the current stops all waves")
+        headings, amplitudes, frequencies, phases, along = (
+            each[travels] for each in (headings, amplitudes, frequencies, phases, along)
+        )
+        if depth is None:
+            # of so many wavelengths nothing is felt of the bed, to the last digit
+            numbers = deep_wave_number(frequencies, gravity, along)
+            depth = DEEP_WATER * 2 * np.pi / float(np.min(numbers))
+        place = np.zeros(headings.shape[1]) if origin is None else origin
+        parts = (depth, place, headings, amplitudes, frequencies, phases)
+        return Waves(onset, *(jax.device_put(np.asarray(each, float)) for each in parts))
+
+    @staticmethod
+    def jonswap(
+        onset: Onset,
+        *,
         significant_height: float,
         peak_period: float,
-        heading: Sequence[float] | Float[np.ndarray, " level"],
         gamma: float,
-        components: int,
-        depth: float,
+        current: Sequence[float],
+        direction: float,
+        spreading: float | None,
+        depth: float | None,
         gravity: float,
+        components: int,
         generator: np.random.Generator,
-        current: float = 0.0,
     ) -> "Waves":
-        """Draw waves with a JONSWAP spectrum (Hasselmann et al. 1973).
+        """Draw waves with a JONSWAP spectrum (Hasselmann et al. 1973) at a fixed point.
 
-        Each component has the same energy, and a random frequency in the band with this share
-        of the spectrum; no period is common to all. The components' variance is
-        ``(significant_height / 4)^2`` exactly. SI units; ``heading`` as in the class. On a
-        ``current`` along the heading the spectrum is that at a fixed point. Components that cannot
-        travel against it are left out.
+        Their variance is ``(significant_height / 4)^2`` exactly. ``direction`` is the mean
+        direction of travel (rad), ``spreading`` as in `spread`, None for long crests. Others as
+        in `drawn`.
         """
-        stop = stopped(-current, depth, gravity) * (1 - 1e-9)
+        along = _headings(np.asarray([direction]), len(current)) @ np.asarray(current, float)
+        stop = float(stopped(-along, depth, gravity)[0]) * (1 - 1e-9)
         highest = min(SPECTRUM_HIGHEST, stop * peak_period / (2 * np.pi))
         relative = np.linspace(SPECTRUM_LOWEST, highest, 4001)
         density = jonswap(relative, gamma)
-        below = np.append(0.0, np.cumsum(density[1:] + density[:-1]))
-        shares = (np.arange(components) + generator.random(components)) / components
-        frequencies = np.interp(shares, below / below[-1], relative) * 2 * np.pi / peak_period
-        amplitude = significant_height / 4 * np.sqrt(2 / components)
-        amplitudes, phases = np.full(components, amplitude), generator.random(components)
-        numbers = (depth, heading, amplitudes, frequencies, phases)
-        return Waves(onset, *(jax.device_put(np.asarray(each, float)) for each in numbers))
+        frequency = relative * 2 * np.pi / peak_period
+        density *= (significant_height / 4) ** 2 / np.trapezoid(density, frequency)
+        return Waves.drawn(
+            onset,
+            **spread(frequency, density, direction, spreading),
+            components=components,
+            depth=depth,
+            gravity=gravity,
+            current=current,
+            generator=generator,
+        )
 
     @staticmethod
     def regular(
@@ -90,33 +137,117 @@ class Waves(Flow):
         *,
         height: float,
         period: float,
-        heading: Sequence[float] | Float[np.ndarray, " level"],
+        direction: float,
         phase: float,
         depth: float | None,
         gravity: float,
-        current: float = 0.0,
+        current: Sequence[float],
     ) -> "Waves":
         """Return one Airy wave, with its crest at the origin at t = 0 for ``phase = 0`` (rad).
 
-        SI units; without a depth the water is deep. ``heading`` as in the class.
+        SI units; without a depth the water is deep. ``direction`` is that of travel (rad).
         """
-        frequency = np.array([2 * np.pi / period])
-        if depth is None:
-            # of so many wavelengths nothing is felt of the bed, to the last digit
-            depth = DEEP_WATER * 2 * np.pi / float(deep_wave_number(frequency, gravity, current)[0])
-        numbers = (depth, heading, [height / 2], frequency, [phase / (2 * np.pi)])
-        return Waves(onset, *(jax.device_put(np.asarray(each, float)) for each in numbers))
+        return Waves.of(
+            onset,
+            headings=_headings(np.array([direction]), len(current)),
+            amplitudes=np.array([height / 2]),
+            frequencies=np.array([2 * np.pi / period]),
+            phases=np.array([phase / (2 * np.pi)]),
+            depth=depth,
+            gravity=gravity,
+            current=current,
+        )
+
+    @staticmethod
+    def drawn(
+        onset: Onset,
+        *,
+        frequency: Float[np.ndarray, " f"],
+        density: Float[np.ndarray, "..."],
+        direction: float | Float[np.ndarray, " direction"],
+        components: int,
+        depth: float | None,
+        gravity: float,
+        current: Sequence[float],
+        generator: np.random.Generator,
+    ) -> "Waves":
+        """Draw waves with a spectrum at a fixed point.
+
+        Each component has the same energy, a random frequency in the band with this share of the
+        spectrum, and one direction, so that a point sees a stationary sea (Jefferys 1987, Appl.
+        Ocean Res. 9). No period is common to all. The variance is that of the spectrum, also where
+        a current stops some components, which are left out.
+
+        Parameters
+        ----------
+        onset
+            Onset in time.
+        frequency
+            Angular frequencies (rad/s), increasing.
+        density
+            Spectral density of the elevation (m2 s/rad), or with directions (m2 s/rad2).
+        direction
+            Direction of travel (rad, from x towards y): of all waves, or of each column of
+            ``density``, increasing within a turn.
+        components
+            Number of components.
+        depth, gravity, current
+            As in `of`.
+        generator
+            Generator of random numbers.
+        """
+        long_crested = density.ndim == 1
+        whole: Any = density
+        if not long_crested:
+            turn, directional = _around(np.asarray(direction), density)
+            whole = np.trapezoid(directional, turn)
+        even = np.linspace(0, 1, max(1, 4000 // (frequency.size - 1)) * (frequency.size - 1) + 1)
+        grid = np.interp(even, np.linspace(0, 1, frequency.size), frequency)
+        along = np.interp(grid, frequency, whole)
+        shares = (np.arange(components) + generator.random(components)) / components
+        found, phases = _quantiles(grid, along, shares), generator.random(components)
+        turns: Any = np.full(components, direction) if long_crested else None
+        if not long_crested:
+            # evenly in each band of frequencies (the golden ratio, as a sequence of Weyl)
+            quantiles = (generator.random() + _GOLDEN * np.arange(components)) % 1
+            rows = interpolated(frequency, directional, found)
+            pairs = zip(rows, quantiles, strict=True)
+            turns = np.array([_quantiles(turn, row, share) for row, share in pairs])
+        amplitude = np.sqrt(2 * np.trapezoid(along, grid) / components)
+        made = Waves.of(
+            onset,
+            headings=_headings(turns, len(current)),
+            amplitudes=np.full(components, amplitude),
+            frequencies=found,
+            phases=phases,
+            depth=depth,
+            gravity=gravity,
+            current=current,
+        )
+        share = made.amplitudes.size / components
+        return replace(made, amplitudes=made.amplitudes / share**0.5)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the elevation (m)."""
+        return float(np.sqrt(np.sum(np.square(self.amplitudes)) / 2))
+
+    @property
+    def energy_period(self) -> float:
+        """The period with the energy, ``sum a^2 T / sum a^2`` (s)."""
+        energy, rate = np.square(self.amplitudes), np.asarray(self.frequencies)
+        return float(2 * np.pi * np.sum(energy / rate) / np.sum(energy))
 
     def carried(self, current: Point, gravity: Float[Array, ""]) -> "Waves":
         """Return the waves on a mean current (m/s) under gravity (m/s2), with wave numbers."""
-        along = product(self.heading, current[:-1])
+        along = product(self.headings, current[:-1])
         number = wave_number(self.frequencies, self.depth, gravity, along)
         intrinsic = self.frequencies - number * along
         return replace(self, intrinsic_frequencies=intrinsic, wave_numbers=number)
 
     def elevation(self, point: Point, time: Time) -> Float[Array, ""]:
         """Return the height of the surface over (or under) a point (m)."""
-        return self.onset(time) * product(cosine(self._turns(point, time)), self.amplitudes)
+        return self.onset(time) * product(cosine(self.turns(point, time)), self.amplitudes)
 
     def fully_on(self, point: Point, time: Time) -> Point:
         return product(self._shapes(point, time), self._weights())
@@ -137,8 +268,9 @@ class Waves(Flow):
         assert self.wave_numbers is not None, "waves need `carried` first"
         return self.wave_numbers
 
-    def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
-        along = self._numbers * product(self.heading, point[:-1])
+    def turns(self, point: Point, time: Time) -> Float[Array, " m"]:
+        """Return ``theta`` of each component at a point (m) and a time (s), in turns."""
+        along = self._numbers * product(self.headings, point[:-1] - self.origin)
         return self.phases + (along - self.frequencies * time) / (2 * jnp.pi)
 
     def _shapes(self, point: Point, time: Time) -> Float[Array, " shapes"]:
@@ -149,15 +281,15 @@ class Waves(Flow):
         from_bed = jnp.exp(-self._numbers * (height + 2 * self.depth))
         share = -1 / jnp.expm1(-2 * self._numbers * self.depth)
         across, up = share * (from_surface + from_bed), share * (from_surface - from_bed)
-        cos, sin = cosine_and_sine(self._turns(point, time))
+        cos, sin = cosine_and_sine(self.turns(point, time))
         return jnp.concatenate([across * cos, across * sin, up * cos, up * sin])
 
     def _weights(self) -> Float[Array, "shapes b"]:
         """Return the coefficients of the shapes in the velocity."""
         assert self.intrinsic_frequencies is not None
         speed = self.amplitudes * self.intrinsic_frequencies
-        level = speed[:, None] * jnp.append(self.heading, 0.0)
-        upward = speed[:, None] * jnp.append(0 * self.heading, 1.0)
+        level = speed[:, None] * jnp.pad(self.headings, ((0, 0), (0, 1)))
+        upward = speed[:, None] * np.eye(self.headings.shape[1] + 1)[-1]
         return jnp.concatenate([level, 0 * level, 0 * level, upward])
 
     def _rates(self, weights: Float[Array, "shapes b"]) -> Float[Array, "shapes b b+1"]:
@@ -167,7 +299,7 @@ class Waves(Flow):
         # along the level axes and time cos' = -k sin, sin' = k cos; upward C' = k S, S' = k C
         turned = jnp.stack([c_sin, -c_cos, s_sin, -s_cos])[..., None]
         lifted = jnp.stack([s_cos, s_sin, c_cos, c_sin])[..., None]
-        level = self._numbers[:, None] * self.heading
+        level = self._numbers[:, None] * self.headings
         none = jnp.zeros((count, 1))
         around = jnp.concatenate([level, none, -self.frequencies[:, None]], axis=1)
         up = jnp.concatenate([0 * level, self._numbers[:, None], none], axis=1)
@@ -183,7 +315,7 @@ def on_currents(flows: tuple[Flow, ...], gravity: Float[Array, ""]) -> tuple[Flo
     means = [flow.uniform_mean for flow in flows if flow.uniform_mean is not None]
 
     return tuple(
-        flow.carried(sum(means, jnp.zeros(flow.heading.size + 1)), gravity)
+        flow.carried(sum(means, jnp.zeros(flow.headings.shape[1] + 1)), gravity)
         if isinstance(flow, Waves) and flow.wave_numbers is None
         else flow
         for flow in flows
@@ -236,30 +368,75 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
     return improved(found, given)
 
 
-def stopped(against: float, depth: float | None, gravity: float) -> float:
+def spread(
+    frequency: Float[np.ndarray, " f"],
+    density: Float[np.ndarray, " f"],
+    direction: float,
+    spreading: float | None,
+) -> dict[str, Any]:
+    """Return frequency, density and direction for `Waves.drawn`, spread about one direction (rad).
+
+    With ``s = spreading`` the share of the energy is as ``cos^2s((angle - direction) / 2)``
+    (Longuet-Higgins, Cartwright and Smith 1963); None: long crests.
+    """
+    angles: Any = direction
+    if spreading is not None:
+        away = np.linspace(-np.pi, np.pi, _ANGLES)[:-1]
+        shape = np.cos(0.5 * away) ** (2 * spreading)
+        angles, density = direction + away, np.outer(density, shape / (shape.mean() * 2 * np.pi))
+    return {"frequency": frequency, "density": density, "direction": angles}
+
+
+def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarray, "*f"]:
     """Return the lowest frequency at a fixed point that a current stops waves of (rad/s).
 
-    ``against`` is its speed against the waves (m/s); infinite if it does not run against them.
+    ``against`` is its speed against the waves (m/s); infinite where it does not run against them.
     Where waves are stopped their energy travels as fast as the water comes.
     """
-    if against <= 0:
-        return np.inf
-    if depth is not None and against >= np.sqrt(gravity * depth):
-        return 0.0
-
-    def at(number: float) -> tuple[float, float]:
-        sigma, group = _dispersion(np.array([number]), depth, gravity)
-        return float(sigma[0]), float(group[0])
-
-    low, high = 0.0, gravity / (4 * against**2)  # that of deep water
-    if depth is not None:
-        high = max(high, 1 / depth)
-        while at(high)[1] > against:
-            high *= 2
+    against = np.asarray(against, float)
+    fast = np.full(against.shape, False) if depth is None else against**2 >= gravity * depth
+    found = np.where(fast, 0.0, np.inf)
+    slow = against[(against > 0) & ~fast]
+    high = gravity / (4 * slow**2)  # that of deep water
+    if depth is not None and slow.size:
+        low, high = 0 * slow, np.maximum(high, 1 / depth)
+        while np.any(behind := _dispersion(high, depth, gravity)[1] > slow):
+            high = np.where(behind, 2 * high, high)
         for _ in range(100):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if at(middle)[1] > against else (low, middle)
-    return at(high)[0] - high * against
+            ahead = _dispersion(middle, depth, gravity)[1] > slow
+            low, high = np.where(ahead, middle, low), np.where(ahead, high, middle)
+    found[(against > 0) & ~fast] = _dispersion(high, depth, gravity)[0] - high * slow
+    return np.where(against > 0, found, np.inf)
+
+
+def _headings(angles: Float[np.ndarray, " m"], axes: int) -> Float[np.ndarray, "m level"]:
+    """Return the level components of directions (rad)."""
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, :axes]
+
+
+def _around(
+    angles: Float[np.ndarray, " direction"], density: Float[np.ndarray, "f direction"]
+) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, "f angle"]]:
+    """Return angles of one turn (rad) and a density there, from one that has each angle once."""
+    turn = angles[0] + np.linspace(0, 2 * np.pi, _ANGLES)
+    return turn, interpolated(np.append(angles, turn[-1]), np.c_[density, density[:, 0]].T, turn).T
+
+
+def interpolated(
+    at: Float[np.ndarray, " x"], rows: Float[np.ndarray, "x c"], to: Float[np.ndarray, " y"]
+) -> Float[np.ndarray, "y c"]:
+    """Return rows at other places, by straight lines between those given."""
+    place = np.interp(to, at, np.arange(at.size))
+    before = np.minimum(place.astype(int), at.size - 2)
+    part = (place - before)[:, None]
+    return (1 - part) * rows[before] + part * rows[before + 1]
+
+
+def _quantiles(grid: Float[np.ndarray, " x"], density: Float[np.ndarray, " x"], shares: Any) -> Any:
+    """Return where shares of the integral of a density lie below."""
+    below = np.append(0.0, np.cumsum((density[1:] + density[:-1]) * np.diff(grid)))
+    return np.interp(shares, below / below[-1], grid)
 
 
 def _dispersion(number: Any, depth: Any, gravity: Any, xp: Any = np) -> tuple[Any, Any]:

@@ -44,4 +44,5 @@ from crinoid.scenario.simulation import Simulation as Simulation
 from crinoid.scenario.target import Target as Target
 from crinoid.scenario.tool import Tool as Tool
 from crinoid.scenario.vehicle import Vehicle as Vehicle
+from crinoid.scenario.waves import SeaState as SeaState
 from crinoid.scenario.waves import SurfaceWaves as SurfaceWaves

@@ -71,8 +71,7 @@ def _depth_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     shears = dict(_flows_of_kind(scenario, ShearFlow))
     waves = dict(_flows_of_kind(scenario, SurfaceWaves))
     if depth is None:
-        irregular = (name for name, wave in waves.items() if not wave.regular)
-        if names := ", ".join([*shears, *irregular]):
+        if names := ", ".join(shears):
             yield Mistake("water.depth", missing(f"be a number above 0 (m) for {names}"))
         return
     if scenario.base.position[-1] < -depth:
@@ -80,8 +79,8 @@ def _depth_conflicts(scenario: Scenario) -> Iterator[Mistake]:
         yield scenario.mistake(_height(scenario), must)
     below_depth = f"be below water.depth = {depth} (m)"
     for name, wave in waves.items():
-        if wave.wave_height >= depth:
-            yield scenario.mistake(f"{name}.{wave.height_key}", below_depth)
+        if wave.state is not None and wave.state.height >= depth:
+            yield scenario.mistake(f"{name}.{wave.keys[0]}", below_depth)
     for name, shear in shears.items():
         reference = depth - shear.reference_depth
         roughness = shear.roughness_length
@@ -100,19 +99,19 @@ def _wave_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     if names and scenario.base.position[-1] >= 0:
         yield scenario.mistake(_height(scenario), f"be below 0 (m), the still surface of {names}")
     for name, wave in _flows_of_kind(scenario, SurfaceWaves):
-        against = -wave.current(scenario)
-        if against <= 0 or not scenario.water.gravity:
+        against = -wave.current_along(scenario)
+        if against <= 0 or not scenario.water.gravity or wave.state is None:
             continue
         stopped = resolve_name("crinoid.flow.waves:stopped")
-        frequency = stopped(against, scenario.water.depth, scenario.water.gravity)
+        frequency = float(stopped(against, scenario.water.depth, scenario.water.gravity))
         # of irregular waves those that the spectrum has little of may be stopped
-        least = 2 * math.pi * (1.0 if wave.regular else 2.0)
-        if frequency * wave.wave_period <= least:
+        least = 2 * math.pi * (1.0 if wave.state.regular else 2.0)
+        if frequency * wave.state.period <= least:
             must = "be that of waves that travel"
             if frequency:
                 must = f"be above {least / frequency:.3g} (s) for waves to travel"
             must += f" against the mean current of {against:.3g} m/s"
-            yield scenario.mistake(f"{name}.{wave.period_key}", must)
+            yield scenario.mistake(f"{name}.{wave.keys[1]}", must)
 
 
 def _height(scenario: Scenario) -> str:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -13,52 +13,58 @@ from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import Degrees, Metres, Seconds
 
 
-class SurfaceWaves(FlowTable):
-    """Surface waves of any kind."""
+class SeaState(NamedTuple):
+    """Size of surface waves."""
 
-    height_key: ClassVar[str]
-    """Key of the height."""
-    period_key: ClassVar[str]
-    """Key of the period."""
-    regular: ClassVar[bool]
+    deviation: float
+    """Standard deviation of the elevation (m)."""
+    period: float
+    """Period, that of the highest waves of irregular ones (s)."""
+    regular: bool
     """Whether they have one period."""
 
     @property
-    def wave_height(self) -> float:
-        """The height, a significant one of irregular waves (m)."""
-        return float(getattr(self, self.height_key))
+    def height(self) -> float:
+        """Height, a significant one of irregular waves (m)."""
+        return self.deviation * (2 * math.sqrt(2) if self.regular else 4)
+
+
+class SurfaceWaves(FlowTable):
+    """Surface waves of any kind."""
+
+    keys: ClassVar[tuple[str, str]]
+    """Keys of height and period."""
 
     @property
-    def wave_period(self) -> float:
-        """The period, that of the highest waves of irregular ones (s)."""
-        return float(getattr(self, self.period_key))
+    def state(self) -> SeaState | None:
+        """Their size; None where a file has it."""
+        raise NotImplementedError
+
+    def state_of(self, built: Any) -> SeaState:
+        """Return their size, which may be that of the flow that was built."""
+        return self.state or SeaState(built.deviation, built.energy_period, regular=False)
 
     @property
-    def deviation(self) -> float:
-        """Standard deviation of the elevation (m)."""
-        return self.wave_height / (2 * math.sqrt(2) if self.regular else 4)
+    def direction(self) -> float:
+        """Mean direction of travel (rad)."""
+        return math.radians(self.direction_deg)  # type: ignore[attr-defined]
 
-    def heading(self, scenario: Any) -> tuple[float, ...]:
-        """Return the level components of the direction of travel."""
-        angle = math.radians(self.direction_deg)  # type: ignore[attr-defined]
-        return (math.cos(angle), math.sin(angle))[: scenario.arm.dimension - 1]
+    def current_along(self, scenario: Any) -> float:
+        """Return the mean current along their mean direction (m/s)."""
+        way = (math.cos(self.direction), math.sin(self.direction))
+        return math.fsum(a * b for a, b in zip(self.current(scenario), way, strict=False))
 
-    def current(self, scenario: Any) -> float:
-        """Return the mean current along the waves (m/s): that of the flows that are uniform."""
-        heading = self.heading(scenario)
-        means = (flow.uniform_mean for flow in scenario.flow if isinstance(flow, FlowTable))
-        return math.fsum(
-            way * part
-            for mean in means
-            if mean is not None
-            for way, part in zip(heading, mean[:-1], strict=True)
-        )
+    def current(self, scenario: Any) -> tuple[float, ...]:
+        """Return the level mean current (m/s): that of the flows that are uniform."""
+        means = [flow.uniform_mean for flow in scenario.flow if isinstance(flow, FlowTable)]
+        axes = range(scenario.arm.dimension - 1)
+        return tuple(math.fsum(mean[axis] for mean in means if mean is not None) for axis in axes)
 
     def common(self, scenario: Any) -> dict[str, Any]:
         """Return what all kinds of surface waves need of a scenario."""
         return {
             "current": self.current(scenario),
-            "heading": self.heading(scenario),
+            "direction": self.direction,
             "depth": scenario.water.depth,
             "gravity": scenario.water.gravity,
         }
@@ -73,9 +79,7 @@ class RegularWaveFlow(SurfaceWaves):
     """
 
     kind: Literal["regular-wave"] = entry("regular-wave", "One wave of one period.")
-    height_key: ClassVar[str] = "height"
-    period_key: ClassVar[str] = "period"
-    regular: ClassVar[bool] = True
+    keys: ClassVar[tuple[str, str]] = ("height", "period")
     height: Metres = Field(gt=0, description="Height from trough to crest.")
     period: Seconds = Field(
         gt=0, description="Period at a fixed point, such as a moored buoy, in any current."
@@ -85,6 +89,10 @@ class RegularWaveFlow(SurfaceWaves):
         0.0, "Phase at x = y = 0 at t = 0; 0: a crest, 90: the surface rises past z = 0."
     )
 
+    @property
+    def state(self) -> SeaState:
+        return SeaState(self.height / (2 * math.sqrt(2)), self.period, regular=True)
+
     def build(self, scenario: Any, generator: Any) -> Any:
         phase, others = math.radians(self.phase_deg), self.common(scenario)
         return self._made("Waves.regular", "height", "period", phase=phase, **others)
@@ -93,14 +101,13 @@ class RegularWaveFlow(SurfaceWaves):
 class WavesFlow(SurfaceWaves):
     """Surface waves: linear, with a JONSWAP spectrum, on a still surface at z = 0.
 
-    Drawn from `seed`. They need `water.depth`. The mean of the uniform flows carries them.
+    Drawn from `seed`. Without `water.depth` the water is deep. The mean of the uniform flows
+    carries them.
     """
 
     drawn: ClassVar[bool] = True
     kind: Literal["waves"] = entry("waves", "Surface waves.")
-    height_key: ClassVar[str] = "significant_height"
-    period_key: ClassVar[str] = "peak_period"
-    regular: ClassVar[bool] = False
+    keys: ClassVar[tuple[str, str]] = ("significant_height", "peak_period")
     significant_height: Metres = Field(
         gt=0, description="Significant height: four standard deviations."
     )
@@ -111,6 +118,18 @@ class WavesFlow(SurfaceWaves):
     gamma: float = entry(3.3, "Peakedness of the spectrum; 1: Pierson-Moskowitz.", ge=1, le=10)
     components: int = entry(64, "Number of waves in the sum.", ge=1, le=10_000)
 
+    spreading: float | None = entry(
+        None,
+        "Exponent s of the directional spreading cos^2s(angle / 2) about direction_deg; by default "
+        "all waves have one direction.",
+        gt=0,
+        le=1000,
+    )
+
+    @property
+    def state(self) -> SeaState:
+        return SeaState(self.significant_height / 4, self.peak_period, regular=False)
+
     def build(self, scenario: Any, generator: Any) -> Any:
-        keys = ("significant_height", "peak_period", "gamma", "components")
-        return self._made("Waves.of", *keys, generator=generator, **self.common(scenario))
+        keys = ("significant_height", "peak_period", "gamma", "components", "spreading")
+        return self._made("Waves.jonswap", *keys, generator=generator, **self.common(scenario))

@@ -188,7 +188,7 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
             case GaussMarkovFlow():
                 yield f"the correlation time of {name}", flow.correlation_time, 3
             case SurfaceWaves():
-                yield f"the waves of {name}", flow.wave_period, 16
+                yield f"the waves of {name}", facts.sea_state(index, flow).period, 16
             case TurbulenceFlow():
                 yield f"the passing of an eddy of {name}", flow.length_scale / facts.current, 8
     for table in ("flow", "load", "base.motion"):

@@ -28,10 +28,10 @@ def _density(facts: Facts, *_: Any) -> float | None:
 
 def _breaking(facts: Facts, height: Any, flow: Any) -> float | None:
     """Return a height over that of breaking waves: Miche (1944) in deep water, else by depth."""
-    if not isinstance(flow, SurfaceWaves):
+    if not isinstance(flow, SurfaceWaves) or flow.state is None:
         return None
     water, depth = facts.scenario.water, facts.scenario.water.depth
-    deep = 0.14 * water.gravity * flow.wave_period**2 / (2 * math.pi)
+    deep = 0.14 * water.gravity * flow.state.period**2 / (2 * math.pi)
     return float(height / min(deep, INF if depth is None else 0.6 * depth))
 
 
