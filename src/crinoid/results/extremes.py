@@ -38,7 +38,7 @@ class Gumbel:
         The largest value of each run, a list for each condition; at least 3 in each that are finite
         and in one of the conditions not all equal.
     shares
-        Share of time of each condition; they add up to 1.
+        Share of time of each condition; they add up to 1. Equal ones by default.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class Gumbel:
         if self.count < _LEAST or not all(np.isfinite(each).all() for each in values):
             text = f"maxima: got {self.count} numbers; must be a list of at least {_LEAST}"
             raise ValueError(f"{text} finite numbers")
-        self.shares = np.ones(1) if shares is None else shares
+        self.shares = np.full(len(values), 1 / len(values)) if shares is None else shares
         self.location, scale = np.concatenate([_fit(each[None]) for each in values], axis=1)
         least = _EQUAL * np.abs(self.location).max()
         if scale.max() <= least:
@@ -69,10 +69,7 @@ class Gumbel:
             text = f"got {runs} and {confidence}; must be above 1, and between 0 and 1"
             raise ValueError(f"runs, confidence: {text}")
         drawn, spread = (each[:, None] for each in _reduced(self.count))
-        location = np.concatenate(
-            [self.location[None], self.location - self.scale * drawn / spread]
-        )
-        scale = np.concatenate([self.scale[None], self.scale / spread])
+        location, scale = self.location - self.scale * drawn / spread, self.scale / spread
         ends = location - scale * np.log(-np.log1p(-1 / runs))  # of each condition by itself
         low, high = ends.min(axis=1), ends.max(axis=1)
         for _ in range(_HALVINGS if self.scale.size > 1 else 0):
@@ -86,11 +83,12 @@ class Gumbel:
 
 @cache  # a study has it for each combination and each measure
 def _reduced(count: int) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
-    """Return locations and scales from samples of ``count`` maxima with location 0 and scale 1."""
+    """Return 0 and 1, and locations and scales of samples of ``count`` maxima drawn with these."""
     from scipy import stats  # slow to load; few need it
 
     generator = np.random.default_rng(0)
-    return _fit(stats.gumbel_r.rvs(size=(_SAMPLES, count), random_state=generator))
+    location, scale = _fit(stats.gumbel_r.rvs(size=(_SAMPLES, count), random_state=generator))
+    return np.append(0.0, location), np.append(1.0, scale)
 
 
 def _fit(

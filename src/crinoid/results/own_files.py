@@ -20,11 +20,8 @@ PRODUCER = "crinoid"
 """Producer of an ONNX file."""
 TIME, SHARE = "time (s)", "share of time"
 """Heads of the first column of a table over time, and of the last one of a histogram."""
-_TABLE_ENDS = (
-    *(["extreme", "extreme_low", "extreme_high"], ["p_value", "against"]),
-    ["return_period", "value", "low", "high"],
-)
-"""Last columns of means over seeds, of a comparison, and of extremes."""
+_TABLE_ENDS = (["extreme", "extreme_low", "extreme_high"], ["p_value", "against"])
+"""Last columns of means over seeds, and of a comparison."""
 _PRODUCED = bytes([0x12, len(PRODUCER)]) + PRODUCER.encode()
 """Field 2 of an ONNX file, as Protocol Buffers writes it after the version (two bytes)."""
 FIGURES = {
