@@ -48,7 +48,7 @@ class Gumbel:
 
     def __init__(
         self,
-        *maxima: Float[np.ndarray, " run"],
+        *maxima: Float[np.ndarray, " _"],
         shares: Float[np.ndarray, " condition"] | None = None,
     ) -> None:
         values = [np.asarray(each, float) for each in maxima]
