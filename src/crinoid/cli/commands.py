@@ -230,7 +230,7 @@ COMMANDS = (
         Option("--scheduler ADDRESS", str,
             "Scheduler of dask.distributed whose workers are to run it.", "this machine"),
         Option("--weights FILE", Path,
-            "Shares of time: histogram of speed of crinoid flow, or a column for each key."),
+            "Cases and shares of time: histogram.csv or scatter.csv of crinoid flow, say."),
         Option("--dry-run", False, "Estimate the cost, and write nothing."),
         _SET, out("results/SCENARIO-sweep"), resume("sweep"), _FORCE),
     Command("train", "crinoid.cli.study_commands:train",

@@ -47,10 +47,10 @@ class Finding(NamedTuple):
         contents = {**(files or {}), self.path.name: write}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            paths = _written(self.path.parent, contents)
+            paths = write_contents(self.path.parent, contents)
         except OSError as error:
             folder = Path(tempfile.mkdtemp(prefix="crinoid-"))
-            _written(folder, contents)
+            write_contents(folder, contents)
             text = f"{error.strerror}; what was computed is saved in {folder} instead"
             raise OSError(error.errno, text, error.filename) from error
         return [*paths, *write_report(paths[-1])]
@@ -74,7 +74,8 @@ class Finding(NamedTuple):
         return "" if status == Status.OK else status
 
 
-def _written(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
+def write_contents(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
+    """Write files by name into a folder; return them."""
     for name, content in contents.items():
         if isinstance(content, str):
             with atomic_write(folder / name) as temporary:

@@ -121,7 +121,7 @@ def _run_cases(
     if notes:
         printed = display.cases_table(plan.scenario.title, plan.keys, table, registry)
         means = _means(plan, rows, registry)
-        written = means.show(printed, folder, display.notes_of_cases(notes))
+        written = means.show([printed], folder, display.notes_of_cases(notes))
         display.say_where([folder / CASES, *written])
     return ended or display.listed(failures, CASES)
 
