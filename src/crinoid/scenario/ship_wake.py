@@ -59,13 +59,16 @@ class ShipWakeFlow(SurfaceWaves):
         if self.speed <= math.hypot(*drift):
             yield "speed", f"be above that of the mean current, {math.hypot(*drift):.3g} m/s"
             return
-        speed = abs(self._velocity - complex(*drift))
+        if not gravity:
+            return
+        speed, count = abs(self._velocity - complex(*drift)), self._components(scenario)
         if depth is not None and speed > (most := _DEEP * math.sqrt(gravity * depth)):
             must = f"be at most {most:.3g} (m/s) through the water in {depth} m of depth, a depth "
             must += f"Froude number of {_DEEP}"
             yield "speed", must + (f", not {speed:.3g}" if any(drift) else "")
-        elif gravity and self._components(scenario) > _MOST:
-            yield "speed", f"be higher, for {_MOST} waves to last as long as the run"
+        elif count > _MOST:
+            must = f"be higher, or simulation.duration shorter: the wake is a sum of {count} waves"
+            yield "speed", f"{must}, above {_MOST}"
 
     def build(self, scenario: Any, generator: Any) -> Any:
         keys = ("distance", "time", "length", "beam", "draught")
