@@ -1,6 +1,6 @@
 """Waves of a passing ship."""
-# ruff: noqa: D102  # the base class documents its methods
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields
 
@@ -84,7 +84,7 @@ class ShipWake(Waves):
             As in `Waves.of`. The amplitudes are those of deep water.
         """
         drift = np.pad(np.asarray(current, float), (0, 2 - len(current)))
-        through, ground = np.asarray(velocity) - drift, float(np.hypot(*velocity))
+        through, ground = np.asarray(velocity) - drift, math.hypot(*velocity)
         deepest = gravity / float(through @ through)
         tangents, step = np.linspace(-_STEEPEST, _STEEPEST, components, retstep=True)
         angles = np.arctan2(through[1], through[0]) + np.arctan(tangents)
@@ -122,8 +122,8 @@ class ShipWake(Waves):
             current=current,
             origin=place,
         )
-        parts = {each.name: getattr(waves, each.name) for each in fields(waves)}
-        return ShipWake(**parts, passing=passing, height=jnp.asarray(height))
+        inherited = {each.name: getattr(waves, each.name) for each in fields(waves)}
+        return ShipWake(**inherited, passing=passing, height=jnp.asarray(height))
 
     @property
     def deviation(self) -> float:

@@ -50,7 +50,9 @@ def _after_arrival(facts: Facts, time: Any, flow: Any) -> float | None:
     """Return the time of the run with the wake of a ship, from the first waves of its wedge on."""
     if not isinstance(flow, ShipWakeFlow):
         return None
-    return float(facts.scenario.simulation.duration - time - 8**0.5 * abs(flow.distance) / flow.speed)
+    return float(
+        facts.scenario.simulation.duration - time - 8**0.5 * abs(flow.distance) / flow.speed
+    )
 
 
 def _time_left(facts: Facts, value: Any, _: Any) -> float:
