@@ -117,8 +117,9 @@ def _wave_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 def _wake_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield ships that do not fit the water, or whose wake needs too many waves."""
-    for name, wake in _flows_of_kind(scenario, ShipWakeFlow):
-        for key, must in wake.conflicts(scenario):
+    wakes = _flows_of_kind(scenario, ShipWakeFlow) if scenario.water.gravity else ()
+    for name, wake in wakes:
+        for key, must in wake.misfits(scenario):
             yield scenario.mistake(f"{name}.{key}", must)
 
 

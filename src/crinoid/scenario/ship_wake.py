@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterator
 from typing import Any, Literal
@@ -10,15 +11,13 @@ from typing import Any, Literal
 from pydantic import Field
 
 from crinoid.foundation.fixed_numbers import SPECTRUM_HIGHEST
-from crinoid.scenario.errors import Mistake
 from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import Degrees, Metres, MetresPerSecond, Seconds
 from crinoid.scenario.waves import SurfaceWaves
 
 _DEEP = 0.7
 """Largest depth Froude number of waves as in deep water."""
-_MOST = 10_000
-_LEAST = 64
+_LEAST, _MOST = 64, 10_000
 """Numbers of components."""
 
 
@@ -42,70 +41,51 @@ class ShipWakeFlow(SurfaceWaves):
     beam: Metres = Field(gt=0, description="Largest breadth of the hull at the surface.")
     draught: Metres = Field(gt=0, description="Depth of the keel below the surface.")
 
-    def _conflicts(self) -> Iterator[Mistake]:
-        if abs(self.distance) < self.length / 2:
-            must = f"be {self.length / 2:.6g} (m) or more, or negative, at least half of length"
-            yield self.mistake("distance", must, "Nearer to the hull its own flow matters.")
-
     @property
     def state(self) -> None:
         return None
 
-    def conflicts(self, scenario: Any) -> Iterator[tuple[str, str]]:
+    def misfits(self, scenario: Any) -> Iterator[tuple[str, str]]:
         """Yield keys that do not fit water and run, each with what its value must be."""
-        depth, gravity, drift = scenario.water.depth, scenario.water.gravity, self._drift(scenario)
+        depth, gravity = scenario.water.depth, scenario.water.gravity
+        drift = math.hypot(*self.current(scenario))
+        if abs(self.distance) < (least := self.length / 2):
+            yield (
+                "distance",
+                f"be {least:.6g} (m) or more, or -{least:.6g} or less, half the length",
+            )
         if depth is not None and self.draught >= depth:
             yield "draught", f"be below water.depth = {depth} (m)"
-        if self.speed <= math.hypot(*drift):
-            yield "speed", f"be above that of the mean current, {math.hypot(*drift):.3g} m/s"
-            return
-        if not gravity:
-            return
-        speed, count = abs(self._velocity - complex(*drift)), self._components(scenario)
-        if depth is not None and speed > (most := _DEEP * math.sqrt(gravity * depth)):
-            must = f"be at most {most:.3g} (m/s) through the water in {depth} m of depth, a depth "
-            must += f"Froude number of {_DEEP}"
-            yield "speed", must + (f", not {speed:.3g}" if any(drift) else "")
-        elif count > _MOST:
+        if self.speed <= drift:
+            yield "speed", f"be above that of the mean current, {drift:.3g} m/s"
+        elif depth and (speed := abs(self._through(scenario))) > _DEEP * math.sqrt(gravity * depth):
+            must = f"be at most {_DEEP * math.sqrt(gravity * depth):.3g} (m/s) through the water in"
+            must += f" {depth} m of depth, a depth Froude number of {_DEEP}"
+            yield "speed", must + (f", not {speed:.3g}" if drift else "")
+        elif (count := self._components(scenario)) > _MOST:
             must = f"be higher, or simulation.duration shorter: the wake is a sum of {count} waves"
             yield "speed", f"{must}, above {_MOST}"
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        keys = ("distance", "time", "length", "beam", "draught")
-        common = self.common(scenario)
-        del common["direction"]
-        return self._made(
-            "ShipWake.passed",
-            *keys,
-            velocity=(self._velocity.real, self._velocity.imag),
-            place=scenario.base.position[:-1],
-            duration=scenario.simulation.duration,
-            components=self._components(scenario),
-            **common,
-        )
+        keys = ("speed", "distance", "time", "length", "beam", "draught")
+        place, count = scenario.base.position[:-1], self._components(scenario)
+        given = {"place": place, "components": count, **self.common(scenario)}
+        return self._made("ShipWake.passed", *keys, **given)
 
-    @property
-    def _velocity(self) -> complex:
-        """Level velocity over the ground, x + i y (m/s)."""
-        return self.speed * complex(math.cos(self.direction), math.sin(self.direction))
-
-    def _drift(self, scenario: Any) -> tuple[float, float]:
-        """Return the level mean current (m/s)."""
-        x, y = (*self.current(scenario), 0.0)[:2]
-        return x, y
+    def _through(self, scenario: Any) -> complex:
+        """Return the velocity through the water, along the course and to port of it (m/s)."""
+        drift = complex(*self.current(scenario))
+        return self.speed - drift * cmath.exp(-1j * self.direction)
 
     def _components(self, scenario: Any) -> int:
         """Return the number of waves whose sum recurs after the run.
 
         From the largest derivative of their phases at the arm by the tangent of their angle to the
-        course through the water, and a fifth more.
+        velocity through the water, and a fifth more.
         """
-        through, reach = self._velocity - complex(*self._drift(scenario)), scenario.arm.length
-        steepest, begin, changes = math.sqrt(SPECTRUM_HIGHEST**2 - 1), max(0.0, self.time), []
-        for time in (begin, max(begin, scenario.simulation.duration)):
-            away = self._velocity * (1j * self.distance / self.speed + self.time - time)
-            away *= abs(through) / through
-            aside = (2 * SPECTRUM_HIGHEST**2 - 1) * (abs(away.imag) + reach)
-            changes.append(steepest * (abs(away.real) + reach) + aside)
-        change = scenario.water.gravity / abs(through) ** 2 * max(changes) / SPECTRUM_HIGHEST
+        through, steepest = self._through(scenario), math.sqrt(SPECTRUM_HIGHEST**2 - 1)
+        way = max(0.0, scenario.simulation.duration - self.time) * self.speed / abs(through)
+        aside = abs(self.distance) + scenario.arm.length + way * abs(through.imag)
+        change = steepest * way * abs(through.real) + (2 * SPECTRUM_HIGHEST**2 - 1) * aside
+        change *= scenario.water.gravity / abs(through) ** 2 / SPECTRUM_HIGHEST
         return max(_LEAST, math.ceil(1.2 * steepest / math.pi * change))

@@ -7,7 +7,7 @@ from typing import Any
 
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.rule import range_rule
-from crinoid.scenario import ShipWakeFlow, SurfaceWaves, TurbulenceFlow
+from crinoid.scenario import SurfaceWaves, TurbulenceFlow
 
 INF = math.inf
 LIMP = 500.0
@@ -39,20 +39,6 @@ def _below_troughs(facts: Facts, height: Any, flow: Any) -> float | None:
     root = facts.scenario.base.position[-1]
     top = max(root, root + facts.length * facts.direction[-1])
     return float(-top - height) if isinstance(flow, SurfaceWaves) and top <= 0 else None
-
-
-def _froude(facts: Facts, speed: Any, flow: Any) -> float | None:
-    gravity = facts.scenario.water.gravity
-    return speed / (gravity * flow.length) ** 0.5 if isinstance(flow, ShipWakeFlow) else None
-
-
-def _after_arrival(facts: Facts, time: Any, flow: Any) -> float | None:
-    """Return the time of the run with the wake of a ship, from the first waves of its wedge on."""
-    if not isinstance(flow, ShipWakeFlow):
-        return None
-    return float(
-        facts.scenario.simulation.duration - time - 8**0.5 * abs(flow.distance) / flow.speed
-    )
 
 
 def _time_left(facts: Facts, value: Any, _: Any) -> float:
@@ -114,14 +100,17 @@ RANGES = (
     range_rule(_WAVES, 0.0, INF, "m", quantity="depth of the arm below troughs",
                quantity_unit="m", of=_below_troughs,
                below="The troughs leave the arm in the air, which is computed as water."),
-    range_rule("flow.*.speed", 0.3, 1.0, "m/s", quantity="speed / sqrt(g length)", of=_froude,
-               below="The waves of so slow a ship are several times too high.",
-               above="Is it in km/h or knots?"),
+    range_rule("flow.*.speed", 0.3, 1.0, "m/s", quantity="speed / sqrt(g length)",
+               of=lambda facts, value, ship: value
+               / (facts.scenario.water.gravity * ship.length) ** 0.5,
+               below="Its waves are several times too high.", above="Is it in km/h or knots?"),
     range_rule("flow.*.beam", 0.0, 0.25, "m", quantity="beam / length",
                of=lambda facts, value, flow: value / flow.length,
                above="The theory is that of a thin ship; its waves are too high."),
     range_rule("flow.*.time", 0.0, INF, "s", quantity="time left when the wake arrives",
-               quantity_unit="s", of=_after_arrival, limit="before the end of the run",
+               quantity_unit="s", limit="before the end of the run",
+               of=lambda facts, value, ship: facts.scenario.simulation.duration - value
+               - 8**0.5 * abs(ship.distance) / ship.speed,
                below="The waves of the ship do not arrive in time."),
     range_rule(_STARTS, math.ulp(0.0), INF, "s", quantity="time left in the run",
                quantity_unit="s", of=_time_left, limit="before the end of the run",
