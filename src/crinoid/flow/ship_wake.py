@@ -23,7 +23,7 @@ class ShipWake(Waves):
     is ``Re int A exp(i k (x cos b + y sin b)) db`` over half a turn, with ``k = g / (U cos b)^2``
     (Havelock 1934, Proc. R. Soc. A 144). The integral is a sum over ``tan b``. Ahead of the ship it
     has a mirrored pattern, so the wake sets in from the passing on, where the elevation is 0. The
-    sum hardly outlasts the run, so the deviation is that in the run.
+    sum recurs soon after the run, so its deviation is about that in the run.
     """
 
     passing: Onset = eqx.field(kw_only=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -15,6 +15,7 @@ from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import Degrees, Metres, MetresPerSecond, Seconds
 from crinoid.scenario.waves import SurfaceWaves
 
+_Size = Annotated[Metres, Field(ge=0.01, le=1000)]
 _DEEP = 0.7
 """Largest depth Froude number of waves as in deep water."""
 _LEAST, _MOST = 64, 10_000
@@ -30,16 +31,16 @@ class ShipWakeFlow(SurfaceWaves):
     """
 
     kind: Literal["ship-wake"] = entry("ship-wake", "The waves of a passing ship.")
-    speed: MetresPerSecond = Field(gt=0, description="Speed of the ship over the ground.")
+    speed: MetresPerSecond = Field(ge=0.1, le=100, description="Speed of the ship over the ground.")
     distance: Metres = Field(
         description="Smallest distance of the ship from the base at rest; positive: the base is "
-        "to port (left), negative: to starboard. Half the length or more."
+        "to port (left), negative: to starboard. At least half the length."
     )
     direction_deg: Degrees = entry(0.0, "Course of the ship: 0 toward +x, 90 toward +y.")
     time: Seconds = entry(0.0, "Time at which it is nearest; negative: before the run.")
-    length: Metres = Field(gt=0, description="Length of the hull at the surface.")
-    beam: Metres = Field(gt=0, description="Largest breadth of the hull at the surface.")
-    draught: Metres = Field(gt=0, description="Depth of the keel below the surface.")
+    length: _Size = Field(description="Length of the hull at the surface.")
+    beam: _Size = Field(description="Largest breadth of the hull at the surface.")
+    draught: _Size = Field(description="Depth of the keel below the surface.")
 
     @property
     def state(self) -> None:
@@ -50,10 +51,7 @@ class ShipWakeFlow(SurfaceWaves):
         depth, gravity = scenario.water.depth, scenario.water.gravity
         drift = math.hypot(*self.current(scenario))
         if abs(self.distance) < (least := self.length / 2):
-            yield (
-                "distance",
-                f"be {least:.6g} (m) or more, or -{least:.6g} or less, half the length",
-            )
+            yield "distance", f"be {least:g} (m) or more, or -{least:g} or less, half the length"
         if depth is not None and self.draught >= depth:
             yield "draught", f"be below water.depth = {depth} (m)"
         if self.speed <= drift:
@@ -80,12 +78,12 @@ class ShipWakeFlow(SurfaceWaves):
     def _components(self, scenario: Any) -> int:
         """Return the number of waves whose sum recurs after the run.
 
-        From the largest derivative of their phases at the arm by the tangent of their angle to the
+        From the largest derivative of their phases at the base by the tangent of their angle to the
         velocity through the water, and a fifth more.
         """
         through, steepest = self._through(scenario), math.sqrt(SPECTRUM_HIGHEST**2 - 1)
         way = max(0.0, scenario.simulation.duration - self.time) * self.speed / abs(through)
-        aside = abs(self.distance) + scenario.arm.length + way * abs(through.imag)
+        aside = abs(self.distance) + way * abs(through.imag)
         change = steepest * way * abs(through.real) + (2 * SPECTRUM_HIGHEST**2 - 1) * aside
         change *= scenario.water.gravity / abs(through) ** 2 / SPECTRUM_HIGHEST
-        return max(_LEAST, math.ceil(1.2 * steepest / math.pi * change))
+        return max(_LEAST, math.ceil(min(1e9, 1.2 * steepest / math.pi * change)))
