@@ -200,19 +200,18 @@ class Waves(Flow):
         whole: Any = density
         if not long_crested:
             turn, directional = _around(np.asarray(direction), density)
-            whole = np.asarray(np.trapezoid(directional, turn))
+            whole = np.trapezoid(directional, turn)
         even = np.linspace(0, 1, max(1, 4000 // (frequency.size - 1)) * (frequency.size - 1) + 1)
         grid = np.interp(even, np.linspace(0, 1, frequency.size), frequency)
         along = np.interp(grid, frequency, whole)
         shares = (np.arange(components) + generator.random(components)) / components
         found, phases = _quantiles(grid, along, shares), generator.random(components)
-        if long_crested:
-            turns = np.full(components, direction)
-        else:
+        turns: Any = np.full(components, direction) if long_crested else None
+        if not long_crested:
             # evenly in each band of frequencies (the golden ratio, as a sequence of Weyl)
-            even = (generator.random() + _GOLDEN * np.arange(components)) % 1
+            quantiles = (generator.random() + _GOLDEN * np.arange(components)) % 1
             rows = interpolated(frequency, directional, found)
-            pairs = zip(rows, even, strict=True)
+            pairs = zip(rows, quantiles, strict=True)
             turns = np.array([_quantiles(turn, row, share) for row, share in pairs])
         amplitude = np.sqrt(2 * np.trapezoid(along, grid) / components)
         made = Waves.of(
