@@ -17,6 +17,7 @@ from crinoid.scenario.flow import MeasuredFlow, ShearFlow
 from crinoid.scenario.obstacle import Capsule, Cylinder
 from crinoid.scenario.random_flow import GaussMarkovFlow
 from crinoid.scenario.sensor import sensor_conflicts
+from crinoid.scenario.ship_wake import ShipWakeFlow
 from crinoid.scenario.simulation import whole_conflicts
 from crinoid.scenario.tool import tool_conflicts
 from crinoid.scenario.waves import SurfaceWaves
@@ -112,6 +113,14 @@ def _wave_conflicts(scenario: Scenario) -> Iterator[Mistake]:
                 must = f"be above {least / frequency:.3g} (s) for waves to travel"
             must += f" against the mean current of {against:.3g} m/s"
             yield scenario.mistake(f"{name}.{wave.keys[1]}", must)
+
+
+def _wake_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield ships that do not fit the water, or whose wake needs too many waves."""
+    wakes = _flows_of_kind(scenario, ShipWakeFlow) if scenario.water.gravity else ()
+    for name, wake in wakes:
+        for key, must in wake.misfits(scenario):
+            yield scenario.mistake(f"{name}.{key}", must)
 
 
 def _height(scenario: Scenario) -> str:
@@ -287,6 +296,7 @@ RULES: tuple[Callable[[Scenario], Iterator[Mistake]], ...] = (
     _depth_conflicts,
     _wave_conflicts,
     _measured_conflicts,
+    _wake_conflicts,
     _record_conflicts,
     _motion_conflicts,
     _vehicle_conflicts,
