@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from crinoid.scenario import MeasuredFlow, Mesh, Scenario, Seabed
-from crinoid.scenario.base_motion import InFile
+from crinoid.scenario.base_motion import InFile, ResponseMotion
 from crinoid.scenario.document import digests
 from crinoid.scenario.errors import gathered, refusal
 from crinoid.scenario.library import Source, scenario_of
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Parts
     from crinoid.control import Sensor, Target
     from crinoid.dynamics import System
-    from crinoid.recording import Recording, Series, SolidSurface
+    from crinoid.recording import Recording, Series, SolidSurface, VesselResponse
 
 
 class Prepared:
@@ -58,7 +58,7 @@ class Prepared:
         solid = [
             (each.arm, each.tool, each.base.position, each.obstacle) for each in (before, scenario)
         ]
-        names = ["digests", "recordings", "series"]
+        names = ["digests", "recordings", "series", "responses"]
         names += ["surfaces"] if solid[0] == solid[1] else []
         vars(other).update({name: vars(self)[name] for name in names if name in vars(self)})
         return other
@@ -78,10 +78,10 @@ class Prepared:
         _ = self.digests
         from crinoid.recording import read_recording  # xarray, slow to load
 
-        scenario, series = self.scenario, self.series
+        scenario, motions = self.scenario, self.motions
         found = gathered(
             {
-                f"flow.{index}": lambda flow=flow: read_recording(flow, scenario, series)
+                f"flow.{index}": lambda flow=flow: read_recording(flow, scenario, motions)
                 for index, flow in measured.items()
             }
         )
@@ -100,6 +100,21 @@ class Prepared:
         return gathered(series_readers(scenario))
 
     @cached_property
+    def responses(self) -> dict[str, VesselResponse]:
+        """The response amplitude operators of vessels, by table."""
+        if not any(isinstance(motion, ResponseMotion) for motion in self.scenario.base.motion):
+            return {}
+        _ = self.digests
+        from crinoid.recording import response_readers  # xarray, slow to load; few need it
+
+        return gathered(response_readers(self.scenario))
+
+    @property
+    def motions(self) -> dict[str, Series | VesselResponse]:
+        """Series and responses in the files of the scenario, by table."""
+        return {**self.series, **self.responses}
+
+    @cached_property
     def surfaces(self) -> dict[str, SolidSurface]:
         """The solids in the files of obstacles, by table."""
         if not any(isinstance(each, Mesh | Seabed) for each in self.scenario.obstacle):
@@ -115,23 +130,29 @@ class Prepared:
         series = [values for each in self.series.values() for values in (each.time, each.values)]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
         grids = [each.spline.coefficients for each in self.surfaces.values()]
-        return sum(values.size for values in (*series, *records, *grids))
+        raos = [each.values for each in self.responses.values()]
+        return sum(values.size for values in (*series, *records, *grids, *raos))
 
     def notes(self) -> list[str]:
         """Return notes on the files of the scenario, a sentence each."""
         read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
-        return [
+        notes = [
             f"{key}: {note}"
-            for key, found in (read | self.series | self.surfaces).items()
+            for key, found in (read | self.motions | self.surfaces).items()
             for note in found.notes
         ]
+        if self.responses:
+            from crinoid.assembly.response import beyond_notes  # JAX: slow to load; few need it
+
+            notes += beyond_notes(self.responses, self.parameters.flow)
+        return notes
 
     @cached_property
     def parameters(self) -> Parameters:
         """The numbers of the scenario by name, as arrays."""
         from crinoid.assembly.parameters import Parameters  # JAX: slow to load, not for reading
 
-        found = Parameters.of(self.scenario, self.recordings, self.series, self.surfaces)
+        found = Parameters.of(self.scenario, self.recordings, self.motions, self.surfaces)
         if self.parts is None:
             return found
         return replace(found, actuator=(*found.actuator, *self.parts.actuators))

@@ -19,7 +19,7 @@ from crinoid.recording.texts import REMARKS, short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import Scenario, Target, counted, refusal
-from crinoid.scenario.base_motion import FileMotion, VesselMotion
+from crinoid.scenario.base_motion import FileMotion, VesselMotion, too_steep
 from crinoid.scenario.quantity import OPPOSITE
 
 _MOST = 0.5
@@ -241,12 +241,11 @@ def _whole(series: Series, duration: float) -> Series:
 def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
     """Return the motion of the channels of a base that a vessel carries."""
     base, axes, columns, signs = scenario.base, scenario.arm.dimension, [], {}
-    for name, given in motion.columns.given(scenario.arm.dimension).items():
-        signs[name] = 0.0 if given == "0" else -1.0 if given.startswith("-") else 1.0
-        if not signs[name]:
-            continue
-        turns = name not in ("surge", "sway", "heave")
-        columns.append(_displacement(f"columns.{name}", given.removeprefix("-"), turns=turns))
+    for name, (sign, column) in motion.columns.given(scenario.arm.dimension).items():
+        signs[name] = sign
+        if sign:
+            turns = name not in ("surge", "sway", "heave")
+            columns.append(_displacement(f"columns.{name}", column, turns=turns))
     if not columns:
         raise refusal("columns", "every motion is 0", "name a column")
     series = read_series(motion.file, motion.time_column, columns, motion.skip)
@@ -257,9 +256,7 @@ def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
         moved[name] = moved[name] - np.interp(0.0, series.time, moved[name])
     values = vessel_motion(moved, motion.offset, base.angles)
     if axes == 3 and not np.isfinite(values).all():
-        text = f"the arm has a tilt of {np.rad2deg(base.angles[1]):.0f} degrees while the vessel "
-        hint = 'Or set roll to "0", and yaw to "0" or base.pan_deg to 0.'
-        raise refusal("columns", f"{text}rolls or pitches", "point less steeply in space", hint)
+        raise too_steep(base.angles[1])
     return replace(series, values=values)
 
 
