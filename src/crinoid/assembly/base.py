@@ -42,9 +42,9 @@ class BaseParameters(eqx.Module):
 
     @staticmethod
     def of(
-        scenario: Scenario, read: Mapping[str, Series | VesselResponse], flows: Sequence[Flow]
+        scenario: Scenario, series: Mapping[str, Series | VesselResponse], flows: Sequence[Flow]
     ) -> BaseParameters:
-        """Return the numbers of a scenario's base; ``read`` by table, from its files."""
+        """Return the numbers of a scenario's base; ``series`` by table, from its files."""
         base, axes = scenario.base, scenario.arm.dimension
         return BaseParameters(
             position=array(base.position),
@@ -52,8 +52,8 @@ class BaseParameters(eqx.Module):
             servo=_servo(scenario),
             motion=tuple(
                 each
-                for index, motion in enumerate(base.motion)
-                for each in _motions(motion, scenario, flows, f"base.motion.{index}", read)
+                for key, motion in ((f"base.motion.{i}", m) for i, m in enumerate(base.motion))
+                for each in _motions(motion, scenario, flows, key, series.get(key))
             ),
             mount=base.mount,
         )
@@ -78,23 +78,18 @@ def _servo(scenario: Scenario) -> Servo:
 
 
 def _motions(
-    motion: motions.Motion,
-    scenario: Scenario,
-    flows: Sequence[Flow],
-    key: str,
-    read: Mapping[str, Series | VesselResponse],
+    motion: motions.Motion, scenario: Scenario, flows: Sequence[Flow], key: str, read: Any
 ) -> Iterator[BaseMotion | ResponseParameters]:
     axes, duration = scenario.arm.dimension, scenario.simulation.duration
     channels = CHANNELS[axes]
-    found: Any = read.get(key)
     if isinstance(motion, motions.ResponseMotion):
-        made = partial(ResponseParameters.of, motion, found, scenario.base.angles, flows)
+        made = partial(ResponseParameters.of, motion, read, scenario.base.angles, flows)
         yield gathered({key: made})[key]
         return
     if isinstance(motion, motions.InFile):
-        for name, values in zip(motion.moved(axes), found.values.T, strict=True):
+        for name, values in zip(motion.moved(axes), read.values.T, strict=True):
             # of a long record
-            curve = between(_curve(found.time, values, motion.interpolation), 0.0, duration)
+            curve = between(_curve(read.time, values, motion.interpolation), 0.0, duration)
             yield TableMotion(channels.index(name), PiecewisePolynomial(curve))
         return
     channel = channels.index(motion.channel)

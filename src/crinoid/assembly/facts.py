@@ -175,7 +175,7 @@ class Facts:
     @cached_property
     def travel(self) -> float:
         """How far channels and prescribed motions may shift the base (m)."""
-        return base_travel(self.scenario, self.prepared.motions)
+        return base_travel(self.scenario, self.prepared.series)
 
     @cached_property
     def speeds(self) -> dict[int, float]:

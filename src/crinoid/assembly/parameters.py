@@ -308,7 +308,7 @@ class Parameters(Represented, eqx.Module):
     def of(
         scenario: Scenario,
         recordings: Mapping[int, Recording],
-        motions: Mapping[str, Series | VesselResponse],
+        series: Mapping[str, Series | VesselResponse],
         surfaces: Mapping[str, SolidSurface],
     ) -> Parameters:
         """Return the numbers of a scenario, with what was read from its files."""
@@ -329,7 +329,7 @@ class Parameters(Represented, eqx.Module):
         )
         return Parameters(
             arm=from_table(ArmParameters, scenario.arm, section=section, relaxation=relaxation),
-            base=BaseParameters.of(scenario, motions, flows),
+            base=BaseParameters.of(scenario, series, flows),
             water=WaterParameters.of(scenario, flows),
             flow=flows,
             load=tuple(numbers for _, numbers in loads),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crinoid.scenario import MeasuredFlow, Mesh, Scenario, Seabed
 from crinoid.scenario.base_motion import InFile, ResponseMotion
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Parts
     from crinoid.control import Sensor, Target
     from crinoid.dynamics import System
-    from crinoid.recording import Recording, Series, SolidSurface, VesselResponse
+    from crinoid.recording import Recording, SolidSurface
 
 
 class Prepared:
@@ -58,7 +58,7 @@ class Prepared:
         solid = [
             (each.arm, each.tool, each.base.position, each.obstacle) for each in (before, scenario)
         ]
-        names = ["digests", "recordings", "series", "responses"]
+        names = ["digests", "recordings", "series"]
         names += ["surfaces"] if solid[0] == solid[1] else []
         vars(other).update({name: vars(self)[name] for name in names if name in vars(self)})
         return other
@@ -78,41 +78,28 @@ class Prepared:
         _ = self.digests
         from crinoid.recording import read_recording  # xarray, slow to load
 
-        scenario, motions = self.scenario, self.motions
+        scenario, series = self.scenario, self.series
         found = gathered(
             {
-                f"flow.{index}": lambda flow=flow: read_recording(flow, scenario, motions)
+                f"flow.{index}": lambda flow=flow: read_recording(flow, scenario, series)
                 for index, flow in measured.items()
             }
         )
         return dict(zip(measured, found.values(), strict=True))
 
     @cached_property
-    def series(self) -> dict[str, Series]:
-        """The series in the files of prescribed motions and of the target, by table."""
+    def series(self) -> dict[str, Any]:
+        """The series, or RAOs, in the files of prescribed motions and of the target, by table."""
         scenario = self.scenario
-        in_file = any(isinstance(motion, InFile) for motion in scenario.base.motion)
+        in_file = any(
+            isinstance(motion, InFile | ResponseMotion) for motion in scenario.base.motion
+        )
         if scenario.target.file is None and not in_file:
             return {}
         _ = self.digests
         from crinoid.recording import series_readers  # xarray, slow to load; few need it
 
         return gathered(series_readers(scenario))
-
-    @cached_property
-    def responses(self) -> dict[str, VesselResponse]:
-        """The response amplitude operators of vessels, by table."""
-        if not any(isinstance(motion, ResponseMotion) for motion in self.scenario.base.motion):
-            return {}
-        _ = self.digests
-        from crinoid.recording import response_readers  # xarray, slow to load; few need it
-
-        return gathered(response_readers(self.scenario))
-
-    @property
-    def motions(self) -> dict[str, Series | VesselResponse]:
-        """Series and responses in the files of the scenario, by table."""
-        return {**self.series, **self.responses}
 
     @cached_property
     def surfaces(self) -> dict[str, SolidSurface]:
@@ -127,24 +114,28 @@ class Prepared:
     @property
     def count(self) -> int:
         """Number of numbers in its files."""
-        series = [values for each in self.series.values() for values in (each.time, each.values)]
+        series = [values for each in self.series.values() for values in each.arrays]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
         grids = [each.spline.coefficients for each in self.surfaces.values()]
-        raos = [each.values for each in self.responses.values()]
-        return sum(values.size for values in (*series, *records, *grids, *raos))
+        return sum(values.size for values in (*series, *records, *grids))
 
     def notes(self) -> list[str]:
         """Return notes on the files of the scenario, a sentence each."""
         read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
         notes = [
             f"{key}: {note}"
-            for key, found in (read | self.motions | self.surfaces).items()
+            for key, found in (read | self.series | self.surfaces).items()
             for note in found.notes
         ]
-        if self.responses:
-            from crinoid.assembly.response import beyond_notes  # JAX: slow to load; few need it
+        if vessels := {key: each for key, each in self.series.items() if hasattr(each, "beyond")}:
+            from crinoid.assembly.response import waves_of  # JAX: slow to load; few need it
 
-            notes += beyond_notes(self.responses, self.parameters.flow)
+            notes += [
+                f"{key}: flow.{index}: {note}"
+                for index, flow in waves_of(self.parameters.flow)
+                for key, vessel in vessels.items()
+                if (note := vessel.beyond(flow))
+            ]
         return notes
 
     @cached_property
@@ -152,7 +143,7 @@ class Prepared:
         """The numbers of the scenario by name, as arrays."""
         from crinoid.assembly.parameters import Parameters  # JAX: slow to load, not for reading
 
-        found = Parameters.of(self.scenario, self.recordings, self.motions, self.surfaces)
+        found = Parameters.of(self.scenario, self.recordings, self.series, self.surfaces)
         if self.parts is None:
             return found
         return replace(found, actuator=(*found.actuator, *self.parts.actuators))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -30,11 +30,9 @@ class ResponseParameters(eqx.Module):
     """Direction of the bow (rad)."""
     offset: Float[Array, " d"]
     """Place of the arm's root on the vessel (m)."""
-    response: tuple[Float[Array, "2 m 6"], ...]
-    """Of each flow of surface waves: real and imaginary parts of surge, sway, heave (m/m), roll,
+    response: dict[int, Float[Array, "2 m 6"]]
+    """By the index of a flow of waves: real and imaginary parts of surge, sway, heave (m/m), roll,
     pitch and yaw (rad/m) of each wave."""
-    flows: tuple[int, ...] = eqx.field(static=True)
-    """Indexes of these flows."""
 
     @staticmethod
     def of(
@@ -43,7 +41,7 @@ class ResponseParameters(eqx.Module):
         angles: tuple[float, float, float],
         flows: Sequence[Flow],
     ) -> ResponseParameters:
-        """Return the numbers of a vessel, of which ``read`` has the file.
+        """Return the numbers of a vessel, from its file and the waves.
 
         Raises
         ------
@@ -51,60 +49,47 @@ class ResponseParameters(eqx.Module):
             If the file does not cover the waves, or the root of an arm in space points so steeply
             that pan and roll are not defined.
         """
-        bow = np.deg2rad(motion.heading_deg)
-        found, waves = [], _waves(flows)
-        for flow in waves.values():
-            level, frequency = np.asarray(flow.headings), np.asarray(flow.frequencies)
-            if level.shape[1] == 1:  # of a wave across the plane only the component in it is known
-                heading = np.arccos(np.clip(np.cos(bow) * level[:, 0], -1.0, 1.0))
+        bow, response = np.deg2rad(motion.heading_deg), {}
+        for index, flow in waves_of(flows):
+            if flow.headings.shape[1] == 1:  # of oblique waves only the part in the plane is known
+                heading = np.arccos(np.clip(np.cos(bow) * flow.headings[:, 0], -1.0, 1.0))
             else:
-                heading = np.arctan2(level[:, 1], level[:, 0]) - bow
-            values = read.at(frequency, heading)
-            read.beyond(frequency, np.asarray(flow.amplitudes))
-            found.append(np.stack([values.real, values.imag]))
-        made = ResponseParameters(
-            array(bow), array(motion.offset), tuple(map(array, found)), tuple(waves)
-        )
-        steep = len(motion.offset) == 3 and abs(np.cos(angles[1])) < STEEP
-        if steep and any(
-            jnp.any(abs(made._turns(each, angles[0])[0]) > _NONE) for each in made.response
-        ):
-            raise too_steep(angles[1])
+                heading = np.arctan2(flow.headings[:, 1], flow.headings[:, 0]) - bow
+            read.beyond(flow)
+            values = read.at(np.asarray(flow.frequencies), np.asarray(heading))
+            response[index] = array([values.real, values.imag])
+        made = ResponseParameters(array(bow), array(motion.offset), response)
+        if len(motion.offset) == 3 and abs(np.cos(angles[1])) < STEEP:
+            ahead = [made._turns(each, angles[0])[0] for each in response.values()]
+            if any(jnp.any(abs(each) > _NONE) for each in ahead):
+                raise too_steep(angles[1])
         return made
 
     def motions(
         self, flows: Sequence[Flow], position: Float[Array, " d"], angles: Float[Array, " angle"]
     ) -> Iterator[WaveMotion]:
-        """Yield the motion of the channels by each flow of waves, on its current; traceable.
+        """Yield the motion of all channels with each flow of waves; traceable.
 
-        ``position`` and ``angles`` are those of the base in its set pose (m, rad). All is linear:
-        the root moves by the shifts and by the turns times its lever, and pan, tilt and roll by
-        the turns about the axes of the set pose.
+        ``position`` and ``angles`` are those of the base in its set pose (m, rad). To first order
+        the root shifts by the vessel's turns times its lever, and turns about the axes of the pose.
         """
-        space, lever = position.shape[0] == 3, self.offset
-        if not space:
-            lever = jnp.stack([lever[0], jnp.zeros(()), lever[1]])
-        place = position[:-1] - jnp.stack(self._along_axes(lever[0], lever[1]))[: 2 if space else 1]
-        for index, response in zip(self.flows, self.response, strict=True):
+        axes = position.shape[0]
+        lever = jnp.insert(self.offset, 1, 0.0) if axes == 2 else self.offset
+        place = position[:-1] - jnp.stack(_rotated(lever[0], lever[1], self.heading))[: axes - 1]
+        for index, response in self.response.items():
             flow = flows[index]
             assert isinstance(flow, Waves)
-            x, y, z = jnp.moveaxis(response[..., :3] + jnp.cross(_vectors(response), lever), -1, 0)
-            x, y = self._along_axes(x, y)
-            if space:
-                ahead, aside, up = self._turns(response, angles[0])
-                cosine, sine = jnp.cos(angles[1]), jnp.sin(angles[1])
+            shift = response[..., :3] + jnp.cross(_vectors(response), lever)
+            x, y = _rotated(shift[..., 0], shift[..., 1], self.heading)
+            ahead, aside, up = self._turns(response, 0.0 if axes == 2 else angles[0])
+            channels = [x, shift[..., 2], -aside]
+            if axes == 3:
+                cosine = jnp.cos(angles[1])
                 roll = jnp.where(abs(cosine) < STEEP, 0.0, ahead / cosine)
-                channels = [x, y, z, up - roll * sine, -aside, roll]
-            else:
-                channels = [x, z, -self._turns(response, jnp.zeros(()))[1]]
+                channels = [x, y, shift[..., 2], up - roll * jnp.sin(angles[1]), -aside, roll]
             cosine, sine = flow.amplitudes[:, None] * jnp.stack(channels, axis=-1)
-            point = jnp.append(place, 0.0)
-            phases = 2 * jnp.pi * flow.turns(point, jnp.zeros(()))
-            yield WaveMotion(..., flow.onset, flow.frequencies, phases, cosine, sine)
-
-    def _along_axes(self, forward: Array, port: Array) -> tuple[Array, Array]:
-        """Return the components along x and y of a vector with parts forward and to port."""
-        return _rotated(forward, port, self.heading)
+            turns = flow.turns(jnp.append(place, 0.0), jnp.zeros(()))
+            yield WaveMotion(..., flow.onset, flow.frequencies, 2 * jnp.pi * turns, cosine, sine)
 
     def _turns(self, response: Float[Array, "2 m 6"], pan: Array | float) -> tuple[Array, ...]:
         """Return the turns about the panned x and y, and about z (rad/m)."""
@@ -122,15 +107,6 @@ def _rotated(x: Array, y: Array, angle: Array) -> tuple[Array, Array]:
     return cosine * x - sine * y, sine * x + cosine * y
 
 
-def _waves(flows: Sequence[Flow]) -> dict[int, Waves]:
-    return {index: flow for index, flow in enumerate(flows) if isinstance(flow, Waves)}
-
-
-def beyond_notes(responses: Mapping[str, VesselResponse], flows: Sequence[Flow]) -> list[str]:
-    """Return a note on each flow with waves outside of the frequencies of a file."""
-    found = {
-        f"{key}: flow.{index}": read.beyond(*map(np.asarray, (flow.frequencies, flow.amplitudes)))
-        for key, read in responses.items()
-        for index, flow in _waves(flows).items()
-    }
-    return [f"{key}: {note}" for key, note in found.items() if note]
+def waves_of(flows: Sequence[Flow]) -> list[tuple[int, Waves]]:
+    """Return the flows of surface waves, each after its index."""
+    return [(index, flow) for index, flow in enumerate(flows) if isinstance(flow, Waves)]

@@ -10,7 +10,6 @@ from crinoid.recording.readers import read_dataset as read_dataset
 from crinoid.recording.recording import Recording as Recording
 from crinoid.recording.recording import read_recording as read_recording
 from crinoid.recording.response import VesselResponse as VesselResponse
-from crinoid.recording.response import response_readers as response_readers
 from crinoid.recording.series import Series as Series
 from crinoid.recording.series import series_readers as series_readers
 from crinoid.recording.solid_surface import SolidSurface as SolidSurface

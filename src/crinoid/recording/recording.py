@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -32,12 +33,10 @@ def base_travel(scenario: Scenario, series: Mapping[str, Series | VesselResponse
     for name, channel in base.channels.present.items():
         travel[name] += max(-channel.limits.low, channel.limits.high)
     for index, motion in enumerate(base.motion):
-        read = series.get(f"base.motion.{index}")
+        read: Any = series.get(f"base.motion.{index}")
         if isinstance(motion, ResponseMotion):
-            assert isinstance(read, VesselResponse)
             ridden += read.farthest
         elif isinstance(motion, InFile):
-            assert isinstance(read, Series)
             ways = np.abs(read.values).max(axis=0)
             for name, way in zip(motion.moved(dimension), ways, strict=True):
                 travel[name] += float(way)

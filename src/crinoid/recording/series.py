@@ -15,11 +15,12 @@ from crinoid.foundation.axes import ANGLES, AXES
 from crinoid.recording.axes import as_numbers, find, only_dimension, seconds
 from crinoid.recording.numbers import Column, check_count, labels_of, numbers_of, quantity
 from crinoid.recording.readers import read_dataset
+from crinoid.recording.response import VesselResponse, read_response
 from crinoid.recording.texts import REMARKS, short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import Scenario, Target, counted, refusal
-from crinoid.scenario.base_motion import FileMotion, VesselMotion, too_steep
+from crinoid.scenario.base_motion import FileMotion, ResponseMotion, VesselMotion, too_steep
 from crinoid.scenario.quantity import OPPOSITE
 
 _MOST = 0.5
@@ -111,6 +112,11 @@ class Series:
     notes: tuple[str, ...]
     """Assumptions and omitted rows, a sentence each."""
 
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """All numbers."""
+        return self.time, self.values
+
     def during(
         self, duration: float
     ) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, "part column"]]:
@@ -198,16 +204,18 @@ def read_series(
     return Series(time - skip, values, tuple(remarks))
 
 
-def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
-    """Return a reader of each series that a scenario names, by the key of its table."""
+def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series | VesselResponse]]:
+    """Return a reader of each series, or RAOs, of a scenario by the key of its table."""
     duration, axes = scenario.simulation.duration, AXES[scenario.arm.dimension]
-    readers: dict[str, Callable[[], Series]] = {}
+    readers: dict[str, Callable[[], Series | VesselResponse]] = {}
     for index, motion in enumerate(scenario.base.motion):
         match motion:
             case FileMotion():
                 readers[f"base.motion.{index}"] = lambda motion=motion: _motion(motion, scenario)
             case VesselMotion():
                 readers[f"base.motion.{index}"] = lambda motion=motion: _vessel(motion, scenario)
+            case ResponseMotion():
+                readers[f"base.motion.{index}"] = lambda m=motion: read_response(m, scenario)
     if scenario.target.path == "file":
         readers["target"] = lambda: _path(scenario.target, axes, duration)
     return readers

@@ -168,12 +168,6 @@ class FileMotion(ChannelMotion, InFile):
     )
 
 
-def signed(column: str) -> tuple[float, str]:
-    """Return the sign of a column, 0 for "0", and its name."""
-    sign = 0.0 if column == "0" else -1.0 if column.startswith("-") else 1.0
-    return sign, column.removeprefix("-")
-
-
 def _column(name: str, about: str) -> Any:
     return entry(None, f'{about}; by default "{name}".', min_length=1)
 
@@ -193,9 +187,13 @@ class VesselColumns(Model):
     )
 
     def given(self, axes: int) -> dict[str, tuple[float, str]]:
-        """Return sign, 0 of no motion, and column of the degrees of freedom of a base."""
+        """Return sign and column of each degree of freedom of a base, sign 0 for no motion."""
         names = ("surge", "heave", "pitch") if axes == 2 else VESSEL
-        return {name: signed(getattr(self, name) or name) for name in names}
+        columns = {name: getattr(self, name) or name for name in names}
+        return {
+            name: (0.0 if given == "0" else -1.0 if given[0] == "-" else 1.0, given.lstrip("-"))
+            for name, given in columns.items()
+        }
 
 
 VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -245,16 +243,6 @@ class ResponseMotion(Model):
     )
     symmetric: bool = entry(
         False, "Whether port and starboard are alike, for a file with headings of one side only."
-    )
-    frequency_column: str | None = entry(
-        None,
-        'Column of frequencies or periods, by its unit; by default "frequency" or "period".',
-        min_length=1,
-    )
-    heading_column: str = entry(
-        "heading",
-        'Column of wave headings from the bow, toward port; "-heading" toward starboard.',
-        min_length=1,
     )
     columns: VesselColumns = entry(VesselColumns(), "Columns of the amplitudes, by their motions.")
 
