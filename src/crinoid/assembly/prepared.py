@@ -114,10 +114,10 @@ class Prepared:
     @property
     def count(self) -> int:
         """Number of numbers in its files."""
-        series = [values for each in self.series.values() for values in each.arrays]
+        series = [each for read in self.series.values() for each in vars(read).values()]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
         grids = [each.spline.coefficients for each in self.surfaces.values()]
-        return sum(values.size for values in (*series, *records, *grids))
+        return sum(getattr(each, "size", 0) for each in (*series, *records, *grids))
 
     def notes(self) -> list[str]:
         """Return notes on the files of the scenario, a sentence each."""

@@ -31,6 +31,7 @@ _WIDEST, _SAME = np.deg2rad(90) + 1e-6, 1e-6
 _LITTLE, _MOST = 5e-3, 0.05
 """Share of the energy of waves outside of the frequencies that has a note, and that is refused."""
 _RATES = {"rad/s": 1.0, "rad s-1": 1.0, "hz": 2 * np.pi}
+_PER_METRE = partial(factor, to="rad/m")
 
 
 @dataclass(frozen=True)
@@ -72,11 +73,6 @@ class VesselResponse:
         over = np.apply_along_axis(partial(np.interp, frequency, self.frequency), 0, self.values)
         rows = zip(angle, np.append(over, over[:, :1], axis=1), strict=True)
         return np.array([[np.interp(at, ring, each) for each in row.T] for at, row in rows])
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """All numbers."""
-        return self.frequency, self.heading, self.values
 
     def beyond(self, waves: Waves) -> str:
         """Return a note on waves outside of the frequencies, empty for few; refuse too many."""
@@ -162,19 +158,15 @@ def _of_table(
     for name, (sign, given) in columns.items():
         if sign:
             key, place = f"columns.{name}", VESSEL.index(name)
-            scale, must = (no_unit, "m/m") if place < 3 else (_per_metre, "deg/m or rad/m")
+            scale, must = (no_unit, "m/m") if place < 3 else (_PER_METRE, "deg/m or rad/m")
             amplitude = column(key, given, scale, must)
             joined = f"{given}_phase"
             phase = joined if joined in dataset.variables else f"{given} phase"
             lag = column(key, phase, angle_factor, "deg or rad")
             found[:, place] = sign * amplitude * np.exp(1j * lag)
-    frequency, heading = rows.levels
     whole = pd.DataFrame(found, rows).reindex(pd.MultiIndex.from_product(rows.levels))
-    values = whole.to_numpy().reshape(*rows.levshape, 6)
-    return frequency.to_numpy(), heading.to_numpy(), values
-
-
-_per_metre = partial(factor, to="rad/m")
+    frequency, heading = map(np.asarray, rows.levels)
+    return frequency, heading, whole.to_numpy().reshape(*rows.levshape, 6)
 
 
 def _of_hydrodynamics(

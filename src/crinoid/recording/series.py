@@ -112,11 +112,6 @@ class Series:
     notes: tuple[str, ...]
     """Assumptions and omitted rows, a sentence each."""
 
-    @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """All numbers."""
-        return self.time, self.values
-
     def during(
         self, duration: float
     ) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, "part column"]]:

@@ -191,7 +191,10 @@ class VesselColumns(Model):
         names = ("surge", "heave", "pitch") if axes == 2 else VESSEL
         columns = {name: getattr(self, name) or name for name in names}
         return {
-            name: (0.0 if given == "0" else -1.0 if given[0] == "-" else 1.0, given.lstrip("-"))
+            name: (
+                0.0 if given == "0" else -1.0 if given[0] == "-" else 1.0,
+                given.removeprefix("-"),
+            )
             for name, given in columns.items()
         }
 
@@ -200,14 +203,15 @@ VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Degrees of freedom of a vessel."""
 
 
-class VesselMotion(InFile):
-    """The motion of a vessel that carries the base, as in its log."""
+class OnVessel(Model):
+    """Keys of every motion of a vessel that carries the base."""
 
-    kind: Literal["vessel"] = entry("vessel", "All motions of a vessel from a file.")
+    kind: str
     columns: VesselColumns = entry(VesselColumns(), "Columns of the motions, by their names.")
     offset: Annotated[Position, InSpace((0.0, 0.0, 0.0))] = entry(
         (0.0, 0.0),
-        "Place of the arm's root from the point whose motion the file has; x forward, z up.",
+        "Place of the arm's root from the point that the file belongs to; x forward, y to port, "
+        "z up.",
     )
 
     def moved(self, axes: int) -> tuple[str, ...]:
@@ -215,7 +219,13 @@ class VesselMotion(InFile):
         return CHANNELS[axes]
 
 
-class ResponseMotion(Model):
+class VesselMotion(OnVessel, InFile):
+    """The motion of a vessel that carries the base, as in its log."""
+
+    kind: Literal["vessel"] = entry("vessel", "All motions of a vessel from a file.")
+
+
+class ResponseMotion(OnVessel):
     """The motion of a vessel in the surface waves of the scenario, by its RAOs.
 
     Response amplitude operators, from a table or from a netCDF file of capytaine.
@@ -226,29 +236,19 @@ class ResponseMotion(Model):
     heading_deg: Degrees = entry(
         0.0, "Direction of the bow: 0 toward +x, 90 toward +y; in the plane 0 or 180."
     )
-    offset: Annotated[Position, InSpace((0.0, 0.0, 0.0))] = entry(
-        (0.0, 0.0),
-        "Place of the arm's root from the point that the RAOs belong to, along the vessel's axes: "
-        "x forward, y to port, z up.",
-    )
     phase_is: Literal["lag", "lead"] | None = entry(
         None,
-        "Sense of the phases, relative to the crest at that point: a table needs it; lag by "
-        "default of complex RAOs, with exp(-i omega t).",
+        "Whether phases lag or lead the crest at that point: a table needs it; lag by default of "
+        "complex RAOs, with exp(-i omega t).",
     )
     direction_is: Literal["to", "from"] | None = entry(
         None,
         "Whether waves travel to the headings of the file or come from them: a table needs it; to "
-        "by default of capytaine. With to, 180 is head seas; with from, 0.",
+        "by default of capytaine. Head seas are 180 with to, 0 with from.",
     )
     symmetric: bool = entry(
         False, "Whether port and starboard are alike, for a file with headings of one side only."
     )
-    columns: VesselColumns = entry(VesselColumns(), "Columns of the amplitudes, by their motions.")
-
-    def moved(self, axes: int) -> tuple[str, ...]:
-        """Return the channels that it moves, of a planar or spatial base."""
-        return CHANNELS[axes]
 
 
 def too_steep(tilt: float) -> ScenarioError:
