@@ -31,7 +31,7 @@ DERIVED, STRUCTURE = (
     for table in PAGE.read_text().split("## What stays")[1].split("|---|---|")[1:]
 )
 """Numbers that follow from several keys or none, and those whose keys change the structure too."""
-LIBRARY = ["reef", "ship-motion", "tidal-channel"]
+LIBRARY = ["reef", "ship-motion", "ship-rao", "tidal-channel"]
 """Built-in scenarios with files."""
 SENSORS = ("Contact", "Inclination", "Shape", "Wrench", "Current")
 UNUSED = {"ActuatorTable", "FileMotion", "Phase", *(f"{name}Sensor" for name in SENSORS)}

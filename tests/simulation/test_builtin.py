@@ -73,6 +73,7 @@ def test_one_channel_alone_does_clearly_worse(name, alone):
         ("wave-zone", 0.06),
         ("ship-motion", 0.08),
         ("ship-wake", 0.08),
+        ("ship-rao", 0.15),
     ],
 )
 def test_moving_water_and_a_moving_ship_are_held_off(name, ratio):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from crinoid.foundation.axes import AXES, CHANNELS, LARGEST_TURN, PARTNERS
 from crinoid.foundation.result_variables import large_names, of_dimension
 from crinoid.scenario.actuator import actuator_conflicts, thread_conflicts
-from crinoid.scenario.base_motion import ChannelMotion, TableMotion
+from crinoid.scenario.base_motion import ChannelMotion, ResponseMotion, TableMotion
 from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
 from crinoid.scenario.flow import MeasuredFlow, ShearFlow
@@ -152,13 +152,20 @@ def _record_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 
 def _motion_conflicts(scenario: Scenario) -> Iterator[Mistake]:
-    """Yield prescribed motions of channels that do not exist, or that do not span the run."""
+    """Yield motions of channels that do not exist or without their waves, and too short ones."""
     duration, channels = scenario.simulation.duration, CHANNELS[scenario.arm.dimension]
     for index, motion in enumerate(scenario.base.motion):
         key = f"base.motion.{index}"
         if isinstance(motion, ChannelMotion) and motion.channel not in channels:
             must, hint = f"be {one_of(channels)}", "Set arm.dimension = 3 to use it."
             yield scenario.mistake(f"{key}.channel", must, hint)
+        if isinstance(motion, ResponseMotion):
+            if not any(_flows_of_kind(scenario, SurfaceWaves)):
+                hint = 'Add a [[flow]] of kind "waves" or "regular-wave".'
+                yield Mistake(f"{key}.kind", got("rao", "be left out without surface waves", hint))
+            if scenario.arm.dimension == 2 and motion.heading_deg % 180:
+                must, hint = "be 0 or 180 in the plane", "Set arm.dimension = 3 for others."
+                yield scenario.mistake(f"{key}.heading_deg", must, hint)
         if isinstance(motion, TableMotion):
             if motion.time[0] > 0:
                 yield scenario.mistake(f"{key}.time.0", "be 0 or earlier (s)")
