@@ -11,6 +11,7 @@ from crinoid.scenario.base_motion import InFile
 from crinoid.scenario.document import digests
 from crinoid.scenario.errors import gathered, refusal
 from crinoid.scenario.library import Source, scenario_of
+from crinoid.scenario.waves import WavesFlow
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Parts
     from crinoid.control import Sensor, Target
     from crinoid.dynamics import System
-    from crinoid.recording import Recording, Series, SolidSurface
+    from crinoid.recording import Recording, Sea, Series, SolidSurface
 
 
 class Prepared:
@@ -58,7 +59,7 @@ class Prepared:
         solid = [
             (each.arm, each.tool, each.base.position, each.obstacle) for each in (before, scenario)
         ]
-        names = ["digests", "recordings", "series"]
+        names = ["digests", "recordings", "seas", "series"]
         names += ["surfaces"] if solid[0] == solid[1] else []
         vars(other).update({name: vars(self)[name] for name in names if name in vars(self)})
         return other
@@ -88,6 +89,20 @@ class Prepared:
         return dict(zip(measured, found.values(), strict=True))
 
     @cached_property
+    def seas(self) -> dict[int, Sea]:
+        """The surface waves in files by their index in ``flow``."""
+        flows = enumerate(self.scenario.flow)
+        waves = {index: flow for index, flow in flows if isinstance(flow, WavesFlow)}
+        in_file = {index: flow for index, flow in waves.items() if flow.state is None}
+        if not in_file:
+            return {}
+        _ = self.digests
+        from crinoid.recording import sea_readers  # xarray, slow to load; few need it
+
+        found = gathered(sea_readers(in_file, self.scenario.simulation.duration))
+        return dict(zip(in_file, found.values(), strict=True))
+
+    @cached_property
     def series(self) -> dict[str, Series]:
         """The series in the files of prescribed motions and of the target, by table."""
         scenario = self.scenario
@@ -115,11 +130,12 @@ class Prepared:
         series = [values for each in self.series.values() for values in (each.time, each.values)]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
         grids = [each.spline.coefficients for each in self.surfaces.values()]
-        return sum(values.size for values in (*series, *records, *grids))
+        seas = [values for each in self.seas.values() for values in each.given.values()]
+        return sum(values.size for values in (*series, *records, *grids, *seas))
 
     def notes(self) -> list[str]:
         """Return notes on the files of the scenario, a sentence each."""
-        read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
+        read = {f"flow.{index}": each for index, each in (self.recordings | self.seas).items()}
         return [
             f"{key}: {note}"
             for key, found in (read | self.series | self.surfaces).items()
@@ -131,7 +147,8 @@ class Prepared:
         """The numbers of the scenario by name, as arrays."""
         from crinoid.assembly.parameters import Parameters  # JAX: slow to load, not for reading
 
-        found = Parameters.of(self.scenario, self.recordings, self.series, self.surfaces)
+        flows = self.recordings | self.seas
+        found = Parameters.of(self.scenario, flows, self.series, self.surfaces)
         if self.parts is None:
             return found
         return replace(found, actuator=(*found.actuator, *self.parts.actuators))

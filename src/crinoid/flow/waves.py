@@ -123,7 +123,10 @@ class Waves(Flow):
         density *= (significant_height / 4) ** 2 / np.trapezoid(density, frequency)
         return Waves.drawn(
             onset,
-            **spread(frequency, density, direction, spreading),
+            frequency=frequency,
+            density=density,
+            direction=direction,
+            spreading=spreading,
             components=components,
             depth=depth,
             gravity=gravity,
@@ -159,12 +162,49 @@ class Waves(Flow):
         )
 
     @staticmethod
+    def at_gauge(
+        onset: Onset,
+        *,
+        amplitudes: Float[np.ndarray, " m"],
+        frequencies: Float[np.ndarray, " m"],
+        phases: Float[np.ndarray, " m"],
+        origin: Sequence[float],
+        direction: float,
+        spreading: float | None,
+        depth: float | None,
+        gravity: float,
+        current: Sequence[float],
+        generator: np.random.Generator,
+    ) -> "Waves":
+        """Return the sum of components that are known at a gauge, with directions drawn.
+
+        ``origin`` is the place of the gauge; ``direction`` and ``spreading`` as in `jonswap`, the
+        others as in `of`.
+        """
+        turns = np.full(amplitudes.size, direction)
+        if spreading is not None:
+            angles, shape = _spread(direction, spreading)
+            turns = _quantiles(angles, shape, _even(amplitudes.size, generator))
+        return Waves.of(
+            onset,
+            headings=_headings(turns, len(current)),
+            amplitudes=amplitudes,
+            frequencies=frequencies,
+            phases=phases,
+            depth=depth,
+            gravity=gravity,
+            current=current,
+            origin=origin,
+        )
+
+    @staticmethod
     def drawn(
         onset: Onset,
         *,
         frequency: Float[np.ndarray, " f"],
         density: Float[np.ndarray, "..."],
         direction: float | Float[np.ndarray, " direction"],
+        spreading: float | None = None,
         components: int,
         depth: float | None,
         gravity: float,
@@ -189,6 +229,9 @@ class Waves(Flow):
         direction
             Direction of travel (rad, from x towards y): of all waves, or of each column of
             ``density``, increasing within a turn.
+        spreading
+            Of a density without directions, exponent s of their distribution about ``direction``,
+            ``cos^2s(angle / 2)`` (Longuet-Higgins, Cartwright and Smith 1963); None: long crests.
         components
             Number of components.
         depth, gravity, current
@@ -196,24 +239,26 @@ class Waves(Flow):
         generator
             Generator of random numbers.
         """
-        long_crested = density.ndim == 1
         whole: Any = density
-        if not long_crested:
-            turn, directional = _around(np.asarray(direction), density)
+        if density.ndim > 1:
+            turn = np.append(direction, np.ravel(direction)[0] + 2 * np.pi)
+            directional = np.c_[density, density[:, :1]]
             whole = np.asarray(np.trapezoid(directional, turn))
         even = np.linspace(0, 1, max(1, 4000 // (frequency.size - 1)) * (frequency.size - 1) + 1)
         grid = np.interp(even, np.linspace(0, 1, frequency.size), frequency)
         along = np.interp(grid, frequency, whole)
         shares = (np.arange(components) + generator.random(components)) / components
         found, phases = _quantiles(grid, along, shares), generator.random(components)
-        if long_crested:
-            turns = np.full(components, direction)
+        if density.ndim > 1:
+            fine = np.linspace(turn[0], turn[-1], _ANGLES)
+            rows = _interpolated(turn, _interpolated(frequency, directional, found).T, fine).T
+            pairs = zip(rows, _even(components, generator), strict=True)
+            turns = np.array([_quantiles(fine, row, share) for row, share in pairs])
+        elif spreading is not None:
+            angles, shape = _spread(float(direction), spreading)
+            turns = _quantiles(angles, shape, _even(components, generator))
         else:
-            # evenly in each band of frequencies (the golden ratio, as a sequence of Weyl)
-            even = (generator.random() + _GOLDEN * np.arange(components)) % 1
-            rows = interpolated(frequency, directional, found)
-            pairs = zip(rows, even, strict=True)
-            turns = np.array([_quantiles(turn, row, share) for row, share in pairs])
+            turns = np.full(components, direction)
         amplitude = np.sqrt(2 * np.trapezoid(along, grid) / components)
         made = Waves.of(
             onset,
@@ -232,6 +277,11 @@ class Waves(Flow):
     def deviation(self) -> float:
         """Standard deviation of the elevation (m)."""
         return float(np.sqrt(np.sum(np.square(self.amplitudes)) / 2))
+
+    @property
+    def mean_heading(self) -> Float[np.ndarray, " level"]:
+        """Mean of the headings, weighted by the energy."""
+        return np.average(self.headings, axis=0, weights=np.square(self.amplitudes))
 
     @property
     def energy_period(self) -> float:
@@ -369,25 +419,6 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
     return improved(found, given)
 
 
-def spread(
-    frequency: Float[np.ndarray, " f"],
-    density: Float[np.ndarray, " f"],
-    direction: float,
-    spreading: float | None,
-) -> dict[str, Any]:
-    """Return frequency, density and direction for `Waves.drawn`, spread about one direction (rad).
-
-    With ``s = spreading`` the share of the energy is as ``cos^2s((angle - direction) / 2)``
-    (Longuet-Higgins, Cartwright and Smith 1963); None: long crests.
-    """
-    angles: Any = direction
-    if spreading is not None:
-        away = np.linspace(-np.pi, np.pi, _ANGLES)[:-1]
-        shape = np.cos(0.5 * away) ** (2 * spreading)
-        angles, density = direction + away, np.outer(density, shape / (shape.mean() * 2 * np.pi))
-    return {"frequency": frequency, "density": density, "direction": angles}
-
-
 def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarray, "*f"]:
     """Return the lowest frequency at a fixed point that a current stops waves of (rad/s).
 
@@ -411,20 +442,25 @@ def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarr
     return np.where(against > 0, found, np.inf)
 
 
+def _spread(
+    direction: float, spreading: float
+) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, " angle"]]:
+    """Return directions (rad) and the share of the energy there, up to a factor."""
+    away = np.linspace(-np.pi, np.pi, _ANGLES)
+    return direction + away, np.cos(0.5 * away) ** (2 * spreading)
+
+
+def _even(count: int, generator: np.random.Generator) -> Float[np.ndarray, " m"]:
+    """Return shares that are even in each band of components: a sequence of Weyl."""
+    return (generator.random() + _GOLDEN * np.arange(count)) % 1
+
+
 def _headings(angles: Float[np.ndarray, " m"], axes: int) -> Float[np.ndarray, "m level"]:
     """Return the level components of directions (rad)."""
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, :axes]
 
 
-def _around(
-    angles: Float[np.ndarray, " direction"], density: Float[np.ndarray, "f direction"]
-) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, "f angle"]]:
-    """Return angles of one turn (rad) and a density there, from one that has each angle once."""
-    turn = angles[0] + np.linspace(0, 2 * np.pi, _ANGLES)
-    return turn, interpolated(np.append(angles, turn[-1]), np.c_[density, density[:, 0]].T, turn).T
-
-
-def interpolated(
+def _interpolated(
     at: Float[np.ndarray, " x"], rows: Float[np.ndarray, "x c"], to: Float[np.ndarray, " y"]
 ) -> Float[np.ndarray, "y c"]:
     """Return rows at other places, by straight lines between those given."""

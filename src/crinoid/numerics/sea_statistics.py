@@ -1,0 +1,84 @@
+"""Statistics of surface waves from the variance of each frequency and direction."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+_SHARE = 0.2
+"""Share of the variance in the band about the peak of a spectrum."""
+
+
+class SeaStatistics(NamedTuple):
+    """Statistics of surface waves."""
+
+    height: float
+    """Significant height: four standard deviations (m)."""
+    peak_period: float
+    """Period in the middle of the narrowest band with a fifth of the variance (s)."""
+    energy_period: float
+    """Mean period, weighted by the variance (s)."""
+    direction: float
+    """Mean direction of travel (rad); NaN where it is unknown."""
+    spreading: float
+    """Circular standard deviation of the direction (rad; Kuik et al. 1988), NaN as above."""
+
+    @staticmethod
+    def of(
+        frequency: Float[np.ndarray, " f"],
+        variance: Float[np.ndarray, "f ..."],
+        direction: Float[np.ndarray, ...] | None = None,
+    ) -> SeaStatistics:
+        """Return the statistics of a variance (m2) at increasing frequencies (Hz).
+
+        The last axes of ``variance``, if any, and of ``direction`` (rad) are those of directions.
+        """
+        total, along = float(variance.sum()), variance.reshape(frequency.size, -1).sum(axis=1)
+        edges = np.concatenate([frequency[:1], 0.5 * (frequency[1:] + frequency[:-1])])
+        edges, below = np.append(edges, frequency[-1]), np.append(0.0, np.cumsum(along)) / total
+        starts = np.linspace(0.0, 1 - _SHARE, 1001)
+        first, last = (np.interp(share, below, edges) for share in (starts, starts + _SHARE))
+        narrow = int(np.argmin(last - first))
+        turn, spreading = np.nan, np.nan
+        if direction is not None:
+            vector = complex(np.sum(variance * np.exp(1j * direction)) / total)
+            turn, spreading = float(np.angle(vector)), float(np.sqrt(2 * max(0.0, 1 - abs(vector))))
+        return SeaStatistics(
+            height=4 * total**0.5,
+            peak_period=float(2 / (first[narrow] + last[narrow])),
+            energy_period=float(np.sum(along / frequency) / total),
+            direction=turn,
+            spreading=spreading,
+        )
+
+    @staticmethod
+    def of_record(values: Float[np.ndarray, " time"], interval: float) -> SeaStatistics:
+        """Return the statistics of an elevation (m) at even intervals (s)."""
+        fluctuation = values - values.mean()
+        energy = np.abs(np.fft.rfft(fluctuation * np.hanning(values.size))[1:]) ** 2
+        energy *= np.mean(fluctuation**2) / energy.sum()
+        return SeaStatistics.of(np.fft.rfftfreq(values.size, interval)[1:], energy)
+
+    def rows(self) -> dict[str, float]:
+        """Return them by name, with units."""
+        return {
+            "significant height (m)": self.height,
+            "peak period (s)": self.peak_period,
+            "energy period (s)": self.energy_period,
+            "mean direction of travel (deg)": float(np.rad2deg(self.direction)),
+            "directional spreading (deg)": float(np.rad2deg(self.spreading)),
+        }
+
+    def __str__(self) -> str:
+        known = {name: value for name, value in self.rows().items() if not np.isnan(value)}
+        words = (f"{name.rpartition(' (')[0]} {value:.4g} {name.rpartition('(')[2][:-1]}"
+                 for name, value in known.items())  # fmt: skip
+        return ", ".join(words)
+
+
+def trapezoids(grid: Float[np.ndarray, " x"]) -> Float[np.ndarray, " x"]:
+    """Return the weights of the trapezoid rule on a grid."""
+    steps = np.diff(grid)
+    return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))
