@@ -34,8 +34,10 @@ _MOMENTS = ("mean_wave_dir", "principal_wave_dir", "wave_spectrum_r1", "wave_spe
 _ANGLE = re.compile(r"rad|deg|\N{DEGREE SIGN}", re.IGNORECASE)
 _TURN, _RATIO, _FAST, _DENSE = 2 * np.pi + 0.005, 1.005, 1e3, 1e6
 """Greatest direction (rad), ratio, frequency (Hz) and density (m2 s)."""
-_COUNT = 120
-"""Directions of a density that has harmonics."""
+_COUNT, _SHARPEST = 360, 0.995
+"""Directions of a density that has harmonics, and its greatest first harmonic."""
+_FINE = 4000
+"""Frequencies at which a density is interpolated for its statistics."""
 
 
 def read_spectrum(table: SpectrumFile) -> Sea:
@@ -73,8 +75,8 @@ def read_spectrum(table: SpectrumFile) -> Sea:
             ]
             angle, density = _of_harmonics(density, [numbers(each, kept) for each in columns])
             remarks.append(
-                "directions follow from both harmonics of each frequency; where their sum is "
-                "negative it is 0, and the rest is scaled to the energy"
+                "directions follow from both harmonics of each frequency by the method of most "
+                "entropy"
             )
     order = np.argsort(frequency)
     order = order[frequency[order] > 0]
@@ -86,21 +88,36 @@ def read_spectrum(table: SpectrumFile) -> Sea:
         text = f"{name} is {density.min():g} to {density.max():g}"
         raise refusal("density", text, "be 0 or more, and not 0 everywhere")
     given: dict[str, Any] = {"frequency": 2 * np.pi * frequency}
-    weights = trapezoids(frequency)
     if density.ndim > 1:
         angle, density = _travels(table, angle, density, attributes)
         given["direction"] = angle
-        steps = np.diff(angle, append=angle[0] + 2 * np.pi)
-        weights = np.outer(weights, 0.5 * (steps + np.roll(steps, 1)))
     else:
         for key in ("direction_is", "heading_deg"):
             if (value := getattr(table, key)) is not None:
                 raise refusal(key, got(value, f"be left out: {name} has no directions"))
     given["density"] = density / (2 * np.pi)
-    statistics = SeaStatistics.of(frequency, weights * density, given.get("direction"))
+    statistics = _statistics(frequency, density, given.get("direction"))
     low, high = frequency[[0, -1]]
     remarks.append(f"{short(table.file)}: {statistics}, from {low:.3g} to {high:.3g} Hz")
     return Sea(short(table.file), statistics, given, None, tuple(remarks))
+
+
+def _statistics(
+    frequency: Float[np.ndarray, " f"],
+    density: Float[np.ndarray, "f ..."],
+    angle: Float[np.ndarray, " direction"] | None,
+) -> SeaStatistics:
+    """Return the statistics of a density (m2 s, per rad) that is linear between frequencies."""
+    if angle is not None:
+        steps = np.diff(angle, append=angle[0] + 2 * np.pi)
+        density = density * 0.5 * (steps + np.roll(steps, 1))
+    cells = frequency.size - 1
+    fine = np.interp(
+        np.linspace(0, cells, cells * -(-_FINE // cells) + 1), np.arange(cells + 1), frequency
+    )
+    columns = [np.interp(fine, frequency, each) for each in density.reshape(cells + 1, -1).T]
+    variance = trapezoids(fine)[:, None] * np.stack(columns, axis=1)
+    return SeaStatistics.of(fine, variance, angle)
 
 
 def _named(dataset: xr.Dataset, table: SpectrumFile, key: str) -> str:
@@ -167,11 +184,19 @@ def _per_angle(units: str) -> float | None:
 def _of_harmonics(
     density: Float[np.ndarray, " f"], harmonics: list[np.ndarray]
 ) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "f direction"]]:
-    """Return directions (rad) and the density per angle by its two harmonics (NDBC 1996)."""
-    first, second, r1, r2 = (each[:, None] for each in harmonics)
+    """Return directions (rad) and the density per angle with two harmonics and most entropy.
+
+    After Lygre and Krogstad (1986, J. Phys. Oceanogr. 16). Harmonics that no density can have are
+    brought nearer to each other.
+    """
+    alpha1, alpha2, r1, r2 = (each[:, None] for each in harmonics)
+    first = np.clip(r1, 0.0, _SHARPEST) * np.exp(1j * alpha1)
+    left, apart = 1 - np.abs(first) ** 2, r2 * np.exp(2j * alpha2) - first**2
+    second = first**2 + apart * np.minimum(1, _SHARPEST * left / np.maximum(np.abs(apart), 1e-12))
+    one = (first - second * first.conj()) / left
+    two = second - first * one
     angle = np.linspace(0, 2 * np.pi, _COUNT, endpoint=False)
-    shape = 0.5 + r1 * np.cos(angle - first) + r2 * np.cos(2 * (angle - second))
-    shape = np.maximum(shape, 0.0)
+    shape = np.abs(1 - one * np.exp(-1j * angle) - two * np.exp(-2j * angle)) ** -2.0
     return angle, density[:, None] * shape / (shape.mean(axis=1, keepdims=True) * 2 * np.pi)
 
 
