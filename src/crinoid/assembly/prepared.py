@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 from crinoid.scenario import MeasuredFlow, Mesh, Scenario, Seabed
@@ -92,15 +92,15 @@ class Prepared:
     def seas(self) -> dict[int, Sea]:
         """The surface waves in files by their index in ``flow``."""
         flows = enumerate(self.scenario.flow)
-        waves = {index: flow for index, flow in flows if isinstance(flow, WavesFlow)}
-        in_file = {index: flow for index, flow in waves.items() if flow.state is None}
-        if not in_file:
+        waves = {i: e for i, e in flows if isinstance(e, WavesFlow) and e.state is None}
+        if not waves:
             return {}
         _ = self.digests
-        from crinoid.recording import sea_readers  # xarray, slow to load; few need it
+        from crinoid.recording import read_sea  # xarray, slow to load; few need it
 
-        found = gathered(sea_readers(in_file, self.scenario.simulation.duration))
-        return dict(zip(in_file, found.values(), strict=True))
+        duration = self.scenario.simulation.duration
+        readers = {f"flow.{i}": partial(read_sea, flow, duration) for i, flow in waves.items()}
+        return dict(zip(waves, gathered(readers).values(), strict=True))
 
     @cached_property
     def series(self) -> dict[str, Series]:

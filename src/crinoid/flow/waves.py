@@ -165,37 +165,17 @@ class Waves(Flow):
     def at_gauge(
         onset: Onset,
         *,
-        amplitudes: Float[np.ndarray, " m"],
-        frequencies: Float[np.ndarray, " m"],
-        phases: Float[np.ndarray, " m"],
-        origin: Sequence[float],
         direction: float,
         spreading: float | None,
-        depth: float | None,
-        gravity: float,
-        current: Sequence[float],
         generator: np.random.Generator,
+        **known: Any,
     ) -> "Waves":
-        """Return the sum of components that are known at a gauge, with directions drawn.
+        """Return components that are known at a gauge, with directions drawn as in `jonswap`.
 
-        ``origin`` is the place of the gauge; ``direction`` and ``spreading`` as in `jonswap`, the
-        others as in `of`.
+        ``known`` are the other arguments of `of`; ``origin`` is the place of the gauge.
         """
-        turns = np.full(amplitudes.size, direction)
-        if spreading is not None:
-            angles, shape = _spread(direction, spreading)
-            turns = _quantiles(angles, shape, _even(amplitudes.size, generator))
-        return Waves.of(
-            onset,
-            headings=_headings(turns, len(current)),
-            amplitudes=amplitudes,
-            frequencies=frequencies,
-            phases=phases,
-            depth=depth,
-            gravity=gravity,
-            current=current,
-            origin=origin,
-        )
+        turns = _about(direction, spreading, known["amplitudes"].size, generator)
+        return Waves.of(onset, headings=_headings(turns, len(known["current"])), **known)
 
     @staticmethod
     def drawn(
@@ -254,11 +234,8 @@ class Waves(Flow):
             rows = _interpolated(turn, _interpolated(frequency, directional, found).T, fine).T
             pairs = zip(rows, _even(components, generator), strict=True)
             turns = np.array([_quantiles(fine, row, share) for row, share in pairs])
-        elif spreading is not None:
-            angles, shape = _spread(float(direction), spreading)
-            turns = _quantiles(angles, shape, _even(components, generator))
         else:
-            turns = np.full(components, direction)
+            turns = _about(float(direction), spreading, components, generator)
         amplitude = np.sqrt(2 * np.trapezoid(along, grid) / components)
         made = Waves.of(
             onset,
@@ -442,12 +419,15 @@ def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarr
     return np.where(against > 0, found, np.inf)
 
 
-def _spread(
-    direction: float, spreading: float
-) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, " angle"]]:
-    """Return directions (rad) and the share of the energy there, up to a factor."""
+def _about(
+    direction: float, spreading: float | None, count: int, generator: np.random.Generator
+) -> Float[np.ndarray, " m"]:
+    """Draw directions about one (rad); see `Waves.drawn`."""
+    if spreading is None:
+        return np.full(count, direction)
     away = np.linspace(-np.pi, np.pi, _ANGLES)
-    return direction + away, np.cos(0.5 * away) ** (2 * spreading)
+    shape = np.cos(0.5 * away) ** (2 * spreading)
+    return direction + _quantiles(away, shape, _even(count, generator))
 
 
 def _even(count: int, generator: np.random.Generator) -> Float[np.ndarray, " m"]:

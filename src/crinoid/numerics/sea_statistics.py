@@ -29,28 +29,24 @@ class SeaStatistics(NamedTuple):
     def of(
         frequency: Float[np.ndarray, " f"],
         variance: Float[np.ndarray, "f ..."],
-        direction: Float[np.ndarray, ...] | None = None,
+        direction: Float[np.ndarray, " direction"] | None = None,
     ) -> SeaStatistics:
         """Return the statistics of a variance (m2) at increasing frequencies (Hz).
 
-        The last axes of ``variance``, if any, and of ``direction`` (rad) are those of directions.
+        ``direction`` (rad) is that of each frequency, or of the second axis of ``variance``.
         """
         total, along = float(variance.sum()), variance.reshape(frequency.size, -1).sum(axis=1)
-        edges = np.concatenate([frequency[:1], 0.5 * (frequency[1:] + frequency[:-1])])
-        edges, below = np.append(edges, frequency[-1]), np.append(0.0, np.cumsum(along)) / total
-        starts = np.linspace(0.0, 1 - _SHARE, 1001)
+        edges = np.r_[frequency[0], 0.5 * (frequency[1:] + frequency[:-1]), frequency[-1]]
+        starts, below = np.linspace(0.0, 1 - _SHARE, 1001), np.append(0.0, np.cumsum(along)) / total
         first, last = (np.interp(share, below, edges) for share in (starts, starts + _SHARE))
         narrow = int(np.argmin(last - first))
-        turn, spreading = np.nan, np.nan
-        if direction is not None:
-            vector = complex(np.sum(variance * np.exp(1j * direction)) / total)
-            turn, spreading = float(np.angle(vector)), float(np.sqrt(2 * max(0.0, 1 - abs(vector))))
+        vector = np.nan if direction is None else np.sum(variance * np.exp(1j * direction)) / total
         return SeaStatistics(
             height=4 * total**0.5,
             peak_period=float(2 / (first[narrow] + last[narrow])),
             energy_period=float(np.sum(along / frequency) / total),
-            direction=turn,
-            spreading=spreading,
+            direction=float(np.angle(vector)),
+            spreading=float(np.sqrt(2 * np.maximum(0.0, 1 - np.abs(vector)))),
         )
 
     @staticmethod
@@ -58,7 +54,7 @@ class SeaStatistics(NamedTuple):
         """Return the statistics of an elevation (m) at even intervals (s)."""
         fluctuation = values - values.mean()
         energy = np.abs(np.fft.rfft(fluctuation * np.hanning(values.size))[1:]) ** 2
-        energy *= np.mean(fluctuation**2) / energy.sum()
+        energy *= np.mean(fluctuation**2) / max(energy.sum(), 1e-300)
         return SeaStatistics.of(np.fft.rfftfreq(values.size, interval)[1:], energy)
 
     def rows(self) -> dict[str, float]:
@@ -67,18 +63,10 @@ class SeaStatistics(NamedTuple):
             "significant height (m)": self.height,
             "peak period (s)": self.peak_period,
             "energy period (s)": self.energy_period,
-            "mean direction of travel (deg)": float(np.rad2deg(self.direction)),
+            "direction of travel (deg)": float(np.rad2deg(self.direction)),
             "directional spreading (deg)": float(np.rad2deg(self.spreading)),
         }
 
     def __str__(self) -> str:
         known = {name: value for name, value in self.rows().items() if not np.isnan(value)}
-        words = (f"{name.rpartition(' (')[0]} {value:.4g} {name.rpartition('(')[2][:-1]}"
-                 for name, value in known.items())  # fmt: skip
-        return ", ".join(words)
-
-
-def trapezoids(grid: Float[np.ndarray, " x"]) -> Float[np.ndarray, " x"]:
-    """Return the weights of the trapezoid rule on a grid."""
-    steps = np.diff(grid)
-    return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))
+        return ", ".join(f"{name} {value:.4g}" for name, value in known.items())

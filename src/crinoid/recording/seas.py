@@ -1,8 +1,5 @@
-"""Readers of the files of surface waves."""
+"""Reader of the file of surface waves."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
 from functools import partial
 
 from crinoid.recording.elevation import read_elevation
@@ -12,12 +9,8 @@ from crinoid.scenario.errors import gathered, got, refusal
 from crinoid.scenario.waves import WavesFlow
 
 
-def sea_readers(waves: Mapping[int, WavesFlow], duration: float) -> dict[str, Callable[[], Sea]]:
-    """Return a reader of the file of each flow, by the key of its table; ``duration`` in s."""
-    return {f"flow.{index}": partial(_read, flow, duration) for index, flow in waves.items()}
-
-
-def _read(flow: WavesFlow, duration: float) -> Sea:
+def read_sea(flow: WavesFlow, duration: float) -> Sea:
+    """Read the file of a flow for a run of ``duration`` (s)."""
     if flow.elevation is not None:
         reader = {"elevation": partial(read_elevation, flow.elevation, duration)}
     else:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.numerics.sea_statistics import SeaStatistics, trapezoids
+from crinoid.numerics.sea_statistics import SeaStatistics
 from crinoid.recording.axes import find, only_dimension
 from crinoid.recording.numbers import Column, check_count, quantity
 from crinoid.recording.readers import read_dataset
@@ -22,135 +24,100 @@ from crinoid.scenario.sea_file import SpectrumFile
 
 _NAMES = {
     "density": "sea_surface_wave_directional_variance_spectral_density "
-    "sea_surface_wave_variance_spectral_density efth spectral_wave_density waveEnergyDensity "
-    "density S",
-    "frequency": "sea_surface_wave_frequency wave_frequency frequency freq waveFrequency f",
-    "direction": "sea_surface_wave_to_direction sea_surface_wave_from_direction direction dir "
-    "theta",
+    "sea_surface_wave_variance_spectral_density efth spectral_wave_density density S",
+    "frequency": "sea_surface_wave_frequency wave_frequency frequency freq f",
+    "direction": "sea_surface_wave_to_direction sea_surface_wave_from_direction direction dir",
 }
 """Standard names and usual names by role, the first ones first."""
-_MOMENTS = ("mean_wave_dir", "principal_wave_dir", "wave_spectrum_r1", "wave_spectrum_r2")
+_HARMONICS = ("mean_wave_dir", "principal_wave_dir", "wave_spectrum_r1", "wave_spectrum_r2")
 """Directions and sizes of both harmonics of the direction, in files of NDBC."""
 _ANGLE = re.compile(r"rad|deg|\N{DEGREE SIGN}", re.IGNORECASE)
 _TURN, _RATIO, _FAST, _DENSE = 2 * np.pi + 0.005, 1.005, 1e3, 1e6
 """Greatest direction (rad), ratio, frequency (Hz) and density (m2 s)."""
-_COUNT, _SHARPEST = 360, 0.995
-"""Directions of a density that has harmonics, and its greatest first harmonic."""
-_FINE = 4000
-"""Frequencies at which a density is interpolated for its statistics."""
+_FINE, _COUNT, _SHARPEST = 2000, 180, 0.995
+"""Frequencies between which a density is linear, and of one that has harmonics the directions, and
+the greatest first harmonic."""
 
 
 def read_spectrum(table: SpectrumFile) -> Sea:
     """Read a spectrum of the elevation at one place and one time."""
     with read_dataset(table.file) as dataset:
         remarks: list[str] = dataset.attrs.get(REMARKS, "").splitlines()
-        name, frequencies = (_named(dataset, table, key) for key in ("density", "frequency"))
-        directions = _directions(dataset, table, name, frequencies)
-        kept = [only_dimension(dataset[frequencies], "frequency")]
-        kept += [only_dimension(dataset[directions], "direction")] if directions else []
-        moments = [] if directions or not {*_MOMENTS} <= {*dataset.variables} else [*_MOMENTS]
-        labels = [d for d in dataset[name].dims if is_labelled(dataset[name], str(d))]
-        dataset = at_place(dataset.drop_vars(labels), table.select, [name, *moments], kept)
-
-        def numbers(column: Column, over: list[str]) -> Float[np.ndarray, ...]:
-            return _numbers(dataset, column, over, remarks)
-
-        frequency = numbers(Column("frequency", frequencies, _hertz, "Hz", _FAST), kept[:1])
-        attributes: dict[str, Any] = {"standard_name": "from"}
-        if directions:
-            attributes = dataset[directions].attrs
-            column = Column("direction", directions, angle_factor, "degrees", _TURN)
-            angle = numbers(column, kept[1:])
-            if not dataset[name].attrs.get("units"):
-                must = "name its unit, such as m2 s rad-1 or m2 s degree-1"
-                raise refusal("density", f"{name} names no unit", must)
-        per = _per_angle if directions else _per_hertz
-        unit = "m2 s rad-1" if directions else "m2/Hz"
-        density = numbers(Column("density", name, per, unit, _DENSE), kept)
-        if moments:
+        name, across, around = (_named(dataset, table, key) for key in _NAMES)
+        for key, each in (("density", name), ("frequency", across)):
+            if not each:
+                text = f"{short(table.file)} contains {listed([*map(str, dataset.variables)])}"
+                raise refusal(key, text, f"name the variable of the {key}")
+        kept = [only_dimension(dataset[across], "frequency")]
+        if around and (
+            table.direction or {*dataset[around].dims} & {*dataset[name].dims} - {*kept}
+        ):
+            kept.append(only_dimension(dataset[around], "direction"))
+        directed = len(kept) > 1
+        both = not directed and {*_HARMONICS} <= {*dataset.variables}
+        harmonics = _HARMONICS if both else ()
+        dataset = dataset.drop_vars(
+            [d for d in dataset[name].dims if is_labelled(dataset[name], d)]
+        )
+        dataset = at_place(dataset, table.select, [name, *harmonics], kept)
+        numbers = partial(_numbers, dataset, remarks)
+        frequency = numbers(kept[:1], Column("frequency", across, _hertz, "Hz", _FAST))
+        if directed and not dataset[name].attrs.get("units"):
+            must = "name its unit, such as m2 s rad-1 or m2 s degree-1"
+            raise refusal("density", f"{name} names no unit", must)
+        per, unit = (_per_angle, "m2 s rad-1") if directed else (_per_hertz, "m2/Hz")
+        density = numbers(kept, Column("density", name, per, unit, _DENSE))
+        attributes: Mapping[Any, Any] = {"standard_name": "from"}
+        if directed:
+            attributes = dataset[around].attrs
+            column = Column("direction", around, angle_factor, "degrees", _TURN)
+            angle = numbers(kept[1:], column)
+        elif harmonics:
             roles = [(angle_factor, "degrees", _TURN)] * 2 + [(no_unit, "1", _RATIO)] * 2
-            columns = [
-                Column("density", *each)
-                for each in zip(moments, *zip(*roles, strict=True), strict=True)
-            ]
-            angle, density = _of_harmonics(density, [numbers(each, kept) for each in columns])
-            remarks.append(
-                "directions follow from both harmonics of each frequency by the method of most "
-                "entropy"
-            )
-    order = np.argsort(frequency)
-    order = order[frequency[order] > 0]
+            pairs = zip(harmonics, roles, strict=True)
+            parts = [numbers(kept, Column("density", each, *role)) for each, role in pairs]
+            angle, density = _of_harmonics(density, *parts)
+            remarks.append("directions have both harmonics of the file, and most entropy")
+    order = np.argsort(frequency)[np.sort(frequency) > 0]
     frequency, density = frequency[order], density[order]
     if frequency.size < 2 or np.diff(frequency).min() <= 0:
-        text = f"{frequencies} has a frequency twice, or less than two above 0"
+        text = f"{across} has a frequency twice, or less than two above 0"
         raise refusal("frequency", text, "contain each of two or more once")
     if not density.any() or density.min() < 0:
         text = f"{name} is {density.min():g} to {density.max():g}"
         raise refusal("density", text, "be 0 or more, and not 0 everywhere")
-    given: dict[str, Any] = {"frequency": 2 * np.pi * frequency}
+    text = f"from {frequency[0]:.3g} to {frequency[-1]:.3g} Hz"
+    cells = np.arange(frequency.size)
+    fine = np.interp(
+        np.linspace(0, cells[-1], -(-_FINE // cells[-1]) * cells[-1] + 1), cells, frequency
+    )
+    density = np.apply_along_axis(lambda each: np.interp(fine, frequency, each), 0, density)
+    weights = np.gradient(fine)
+    weights[[0, -1]] /= 2
+    given: dict[str, Any] = {"frequency": 2 * np.pi * fine}
     if density.ndim > 1:
-        angle, density = _travels(table, angle, density, attributes)
-        given["direction"] = angle
-    else:
-        for key in ("direction_is", "heading_deg"):
-            if (value := getattr(table, key)) is not None:
-                raise refusal(key, got(value, f"be left out: {name} has no directions"))
+        given["direction"], density = _travels(table, angle, density, attributes)
+        steps = np.diff(given["direction"], append=given["direction"][0] + 2 * np.pi)
+        weights = np.outer(weights, 0.5 * (steps + np.roll(steps, 1)))
+    for key in ("direction_is", "heading_deg") if density.ndim == 1 else ():
+        if (value := getattr(table, key)) is not None:
+            raise refusal(key, got(value, f"be left out: {name} has no directions"))
     given["density"] = density / (2 * np.pi)
-    statistics = _statistics(frequency, density, given.get("direction"))
-    low, high = frequency[[0, -1]]
-    remarks.append(f"{short(table.file)}: {statistics}, from {low:.3g} to {high:.3g} Hz")
+    statistics = SeaStatistics.of(fine, weights * density, given.get("direction"))
+    remarks.append(f"{short(table.file)}: {statistics}, {text}")
     return Sea(short(table.file), statistics, given, None, tuple(remarks))
 
 
-def _statistics(
-    frequency: Float[np.ndarray, " f"],
-    density: Float[np.ndarray, "f ..."],
-    angle: Float[np.ndarray, " direction"] | None,
-) -> SeaStatistics:
-    """Return the statistics of a density (m2 s, per rad) that is linear between frequencies."""
-    if angle is not None:
-        steps = np.diff(angle, append=angle[0] + 2 * np.pi)
-        density = density * 0.5 * (steps + np.roll(steps, 1))
-    cells = frequency.size - 1
-    fine = np.interp(
-        np.linspace(0, cells, cells * -(-_FINE // cells) + 1), np.arange(cells + 1), frequency
-    )
-    columns = [np.interp(fine, frequency, each) for each in density.reshape(cells + 1, -1).T]
-    variance = trapezoids(fine)[:, None] * np.stack(columns, axis=1)
-    return SeaStatistics.of(fine, variance, angle)
-
-
 def _named(dataset: xr.Dataset, table: SpectrumFile, key: str) -> str:
-    """Return the variable that a key names, or the first one of a usual name."""
-    known = {*map(str, dataset.variables), *dataset.cf.standard_names}
-    usual = next((each for each in _NAMES[key].split() if each in known), None)
-    name = getattr(table, key) or usual
-    if name is None:
-        text = f"{short(table.file)} contains {listed([str(each) for each in dataset.variables])}"
-        raise refusal(key, text, f"name the variable of the {key}")
-    return find(dataset, name, key, table.file)
-
-
-def _directions(
-    dataset: xr.Dataset, table: SpectrumFile, density: str, frequencies: str
-) -> str | None:
-    """Return the variable of the directions; None of a density over the frequencies alone."""
-    across = {*dataset[density].dims} - {*dataset[frequencies].dims}
-    if table.direction is None:
-        usual, standard = _NAMES["direction"].split(), dataset.cf.standard_names
-        named = [each for name in usual for each in standard.get(name, [name])]
-        known = [each for each in named if each in dataset.variables]
-        return next((each for each in known if {*dataset[each].dims} & across), None)
-    name = _named(dataset, table, "direction")
-    if not {*dataset[name].dims} & across:
-        text = f"{density} has no dimension of {name}"
-        raise refusal("direction", text, "have one for a spectrum with directions")
-    return name
+    """Return the variable that a key names, or the first one of a usual name; empty for none."""
+    known = {*dataset.variables, *dataset.cf.standard_names}
+    name = getattr(table, key) or next((e for e in _NAMES[key].split() if e in known), "")
+    return name and find(dataset, name, key, table.file)
 
 
 def _numbers(
-    dataset: xr.Dataset, column: Column, over: list[str], remarks: list[str]
-) -> Float[np.ndarray, ...]:
+    dataset: xr.Dataset, remarks: list[str], over: list[str], column: Column
+) -> Float[np.ndarray, "..."]:
     """Return a variable over dimensions, without gaps, in SI units."""
     variable = dataset[column.name]
     for dimension in [str(each) for each in variable.dims if each not in over]:
@@ -182,7 +149,7 @@ def _per_angle(units: str) -> float | None:
 
 
 def _of_harmonics(
-    density: Float[np.ndarray, " f"], harmonics: list[np.ndarray]
+    density: Float[np.ndarray, " f"], *harmonics: Float[np.ndarray, " f"]
 ) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "f direction"]]:
     """Return directions (rad) and the density per angle with two harmonics and most entropy.
 
@@ -204,7 +171,7 @@ def _travels(
     table: SpectrumFile,
     angle: Float[np.ndarray, " direction"],
     density: Float[np.ndarray, "f direction"],
-    attributes: dict[str, Any],
+    attributes: Mapping[Any, Any],
 ) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "f direction"]]:
     """Return directions of travel from x towards y, increasing within a turn (rad), and density."""
     named = " ".join(str(attributes.get(key, "")) for key in ("standard_name", "long_name"))
