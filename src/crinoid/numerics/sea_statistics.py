@@ -10,6 +10,12 @@ from jaxtyping import Float
 _SHARE = 0.2
 """Share of the variance in the band about the peak of a spectrum."""
 
+STATISTICS = (
+    *("significant height (m)", "peak period (s)", "energy period (s)"),
+    *("direction of travel (deg)", "directional spreading (deg)"),
+)
+"""Names and units of the statistics."""
+
 
 class SeaStatistics(NamedTuple):
     """Statistics of surface waves."""
@@ -57,16 +63,10 @@ class SeaStatistics(NamedTuple):
         energy *= np.mean(fluctuation**2) / max(energy.sum(), 1e-300)
         return SeaStatistics.of(np.fft.rfftfreq(values.size, interval)[1:], energy)
 
-    def rows(self) -> dict[str, float]:
-        """Return them by name, with units."""
-        return {
-            "significant height (m)": self.height,
-            "peak period (s)": self.peak_period,
-            "energy period (s)": self.energy_period,
-            "direction of travel (deg)": float(np.rad2deg(self.direction)),
-            "directional spreading (deg)": float(np.rad2deg(self.spreading)),
-        }
+    def values(self) -> list[float]:
+        """Return them in the units of `STATISTICS`."""
+        return [*self[:3], *np.rad2deg(self[3:]).tolist()]
 
     def __str__(self) -> str:
-        known = {name: value for name, value in self.rows().items() if not np.isnan(value)}
-        return ", ".join(f"{name} {value:.4g}" for name, value in known.items())
+        pairs = zip(STATISTICS, self.values(), strict=True)
+        return ", ".join(f"{name} {value:.4g}" for name, value in pairs if not np.isnan(value))

@@ -5,6 +5,7 @@ May import ``scenario`` and lower folders.
 Nothing here knows how they are evaluated; a file that does not fit is a `ScenarioError`.
 """
 
+from crinoid.recording.elevation import at_gauge as at_gauge
 from crinoid.recording.proposal import propose as propose
 from crinoid.recording.readers import read_dataset as read_dataset
 from crinoid.recording.recording import Recording as Recording

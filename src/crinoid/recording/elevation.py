@@ -62,7 +62,7 @@ def read_elevation(table: ElevationFile, duration: float) -> Sea:
     phases = (rates * time[0] - np.angle(found[kept])) / (2 * np.pi)
     given = {"amplitudes": size[kept], "frequencies": rates, "phases": phases}
     run = (time >= 0) & (time <= duration) & there
-    away = at_gauge(given, time[run]) - values[run]
+    away = at_gauge(time[run], *given.values()) - values[run]
     statistics, variance = SeaStatistics.of_record(values, interval), np.abs(found) ** 2
     above, slow = (
         variance[which].sum() / variance.sum()
@@ -83,16 +83,16 @@ def read_elevation(table: ElevationFile, duration: float) -> Sea:
 
 
 def at_gauge(
-    given: dict[str, Float[np.ndarray, " m"]], time: Float[np.ndarray, " time"]
+    time: Float[np.ndarray, " time"],
+    amplitudes: Float[np.ndarray, " m"],
+    frequencies: Float[np.ndarray, " m"],
+    phases: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, " time"]:
-    """Return the elevation of components at the gauge (m) at times of the run (s)."""
-    return sum(
-        (
-            a * np.cos(2 * np.pi * phase - rate * time)
-            for a, rate, phase in zip(*given.values(), strict=True)
-        ),
-        np.zeros(time.size),
-    )
+    """Return the elevation of components (m, rad/s, turns) at the gauge at times of the run (s)."""
+    found = np.zeros(time.size)
+    for amplitude, rate, phase in zip(amplitudes, frequencies, phases, strict=True):
+        found += amplitude * np.cos(2 * np.pi * phase - rate * time)
+    return found
 
 
 def _evenly(

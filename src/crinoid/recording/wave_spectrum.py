@@ -56,9 +56,8 @@ def read_spectrum(table: SpectrumFile) -> Sea:
         directed = len(kept) > 1
         both = not directed and {*_HARMONICS} <= {*dataset.variables}
         harmonics = _HARMONICS if both else ()
-        dataset = dataset.drop_vars(
-            [d for d in dataset[name].dims if is_labelled(dataset[name], d)]
-        )
+        dims = [*map(str, dataset[name].dims)]
+        dataset = dataset.drop_vars([each for each in dims if is_labelled(dataset[name], each)])
         dataset = at_place(dataset, table.select, [name, *harmonics], kept)
         numbers = partial(_numbers, dataset, remarks)
         frequency = numbers(kept[:1], Column("frequency", across, _hertz, "Hz", _FAST))
@@ -117,7 +116,7 @@ def _named(dataset: xr.Dataset, table: SpectrumFile, key: str) -> str:
 
 def _numbers(
     dataset: xr.Dataset, remarks: list[str], over: list[str], column: Column
-) -> Float[np.ndarray, "..."]:
+) -> np.ndarray:
     """Return a variable over dimensions, without gaps, in SI units."""
     variable = dataset[column.name]
     for dimension in [str(each) for each in variable.dims if each not in over]:

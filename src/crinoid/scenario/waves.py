@@ -172,9 +172,8 @@ class WavesFlow(SurfaceWaves):
         """Return the waves; ``sea`` is what was read from the file."""
         others = self.common(scenario) | {"spreading": self.spreading, "generator": generator}
         if self.elevation is not None:
-            return self._made(
-                "Waves.at_gauge", origin=self.elevation.position, **sea.components, **others
-            )
+            others |= {"origin": self.elevation.position, **sea.given}
+            return self._made("Waves.at_gauge", **others)
         others["components"] = self.components or 64
         if self.spectrum is not None:
             return self._made("Waves.drawn", **(others | sea.given))

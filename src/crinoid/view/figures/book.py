@@ -40,6 +40,7 @@ from crinoid.view.figures.shape import (
 )
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.study import read_cases, study_of
+from crinoid.view.figures.waves import draw_waves, seas
 from crinoid.view.page.parts import PAGE, report_file
 from crinoid.view.page.study import about_study, write_study
 from crinoid.view.page.write import write_run
@@ -72,7 +73,12 @@ _FINDINGS = {
             "flow_spectrum": ("frequency", "place", "axis"),
             **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
         },
-        {"flow": series_chart, "spectrum": draw_spectrum, "profile": draw_profile},
+        {
+            "flow": series_chart,
+            "waves": draw_waves,
+            "spectrum": draw_spectrum,
+            "profile": draw_profile,
+        },
     ),
     RECORD: _Finding(
         "a record",
@@ -220,6 +226,8 @@ def _finding(path: Path) -> Part:
         return draw_chart(found, data, found.title) if isinstance(found, Chart) else found
 
     figures = {name: partial(drawn, draw) for name, draw in finding.figures.items()}
+    if "waves" in figures and not seas(data):
+        del figures["waves"]
     return Part(path, data, None, figures)
 
 
