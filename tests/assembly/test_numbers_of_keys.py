@@ -34,7 +34,13 @@ DERIVED, STRUCTURE = (
 LIBRARY = ["buoy-sea", "reef", "ship-motion", "tidal-channel"]
 """Built-in scenarios with files."""
 SENSORS = ("Contact", "Inclination", "Shape", "Wrench", "Current")
-UNUSED = {"ActuatorTable", "FileMotion", "Phase", "SpectrumFile", *(f"{name}Sensor" for name in SENSORS)}
+UNUSED = {
+    "ActuatorTable",
+    "FileMotion",
+    "Phase",
+    "SpectrumFile",
+    *(f"{name}Sensor" for name in SENSORS),
+}
 """Tables without a number of the parameters, or with those of a table that is used."""
 NOT_A_NUMBER = {"title", "output", "target", "sensor", "sensors", "control"}
 """Tables of which no number, or only gains, are among the parameters."""

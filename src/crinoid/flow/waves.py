@@ -230,9 +230,14 @@ class Waves(Flow):
         shares = (np.arange(components) + generator.random(components)) / components
         found, phases = _quantiles(grid, along, shares), generator.random(components)
         if density.ndim > 1:
+            from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
+            # straight lines would spread a narrow sea between few directions
             fine = np.linspace(turn[0], turn[-1], _ANGLES)
-            rows = _interpolated(turn, _interpolated(frequency, directional, found).T, fine).T
-            pairs = zip(rows, _even(components, generator), strict=True)
+            among = CubicSpline(
+                turn, _interpolated(frequency, directional, found).T, bc_type="periodic"
+            )
+            pairs = zip(np.maximum(among(fine), 0.0).T, _even(components, generator), strict=True)
             turns = np.array([_quantiles(fine, row, share) for row, share in pairs])
         else:
             turns = _about(float(direction), spreading, components, generator)

@@ -57,10 +57,11 @@ class SeaStatistics(NamedTuple):
 
     @staticmethod
     def of_record(values: Float[np.ndarray, " time"], interval: float) -> SeaStatistics:
-        """Return the statistics of an elevation (m) at even intervals (s)."""
-        fluctuation = values - values.mean()
+        """Return the statistics of an elevation (m) at even intervals (s), without its trend."""
+        place = np.linspace(-1.0, 1.0, values.size)
+        fluctuation = values - np.polynomial.Polynomial.fit(place, values, 2)(place)
         energy = np.abs(np.fft.rfft(fluctuation * np.hanning(values.size))[1:]) ** 2
-        energy *= np.mean(fluctuation**2) / max(energy.sum(), 1e-300)
+        energy *= np.mean(fluctuation**2) / energy.sum()
         return SeaStatistics.of(np.fft.rfftfreq(values.size, interval)[1:], energy)
 
     def values(self) -> list[float]:

@@ -21,7 +21,7 @@ run that show its peak, and most components."""
 _MARGIN, _BEYOND, _WINDOW = 10, 5, 20
 """Peak periods: of the record before and after a run that is represented too, from there to the
 repetition of the components, and of a window of the spectrum."""
-_NOISE, _FLOOR, _LEFT_OUT = 1e-4, 1e-6, 1e-4
+_NOISE, _FLOOR, _LEFT_OUT = 1e-4, 1e-8, 1e-4
 """Deviation from the record over that of the sea, least density over that of the peak, and the sum
 of amplitudes that are left out over the significant height."""
 
@@ -38,9 +38,9 @@ def read_elevation(table: ElevationFile, duration: float) -> Sea:
     notes = list(whole(series, duration, "time").notes)
     interval = float(np.median(np.diff(series.time)))
     time, values, there = _evenly(series, interval, duration, notes)
-    about = SeaStatistics.of_record(values, interval)
-    if not about.height > 0:
+    if not np.ptp(values):
         raise refusal("value", f"{table.value} does not vary", "be an elevation")
+    about = SeaStatistics.of_record(values, interval)
     rate, period = 1 / interval, about.peak_period
     if table.cut_hz is not None and table.cut_hz >= rate / 2:
         must = f"be below {rate / 2:.6g} (Hz), half the rate of the record"
