@@ -13,6 +13,8 @@ from crinoid.recording import Sea, at_gauge
 
 _BANDS = 24
 """Bands of a spectrum, in which there are few of the components."""
+_FINE = 4
+"""Instants of the components between two of a record."""
 
 SOURCES = ("file", "components")
 Row = tuple[str, str, str, Any, str]
@@ -28,27 +30,30 @@ def sea_rows(prepared: Prepared) -> list[Row]:
     for index, sea in prepared.seas.items():
         waves = flows[index]
         assert isinstance(waves, Waves)
-        found += _rows(f"sea_{index}", sea, waves)
+        found += _rows(f"sea_{index}", sea, waves, prepared.scenario.simulation.duration)
     return found
 
 
-def _rows(name: str, sea: Sea, waves: Waves) -> list[Row]:
+def _rows(name: str, sea: Sea, waves: Waves, duration: float) -> list[Row]:
     order = np.argsort(waves.frequencies)
     frequency = np.asarray(waves.frequencies)[order] / (2 * np.pi)
     variance, headings = np.square(waves.amplitudes)[order] / 2, np.asarray(waves.headings)[order]
     angle = np.arctan2(headings[:, 1], headings[:, 0]) if headings.shape[1] == 2 else None
     found = SeaStatistics.of(frequency, variance, angle)
     if sea.record is not None:
+        numbers = [np.asarray(each) for each in (waves.amplitudes, waves.frequencies, waves.phases)]
         time, record = sea.record.time, sea.record.values[:, 0]
-        numbers = (waves.amplitudes, waves.frequencies, waves.phases)
-        components = at_gauge(time, *map(np.asarray, numbers))
-        about = SeaStatistics.of_record(components, float(time[1] - time[0]))
+        about = SeaStatistics.of_record(at_gauge(time, *numbers), float(time[1] - time[0]))
         found = about._replace(direction=found.direction, spreading=found.spreading)
+        fine = np.linspace(time[0], time[-1], _FINE * (time.size - 1) + 1)
+        measured = np.full(fine.size, np.nan)
+        measured[::_FINE] = record
+        run = (fine >= 0) & (fine <= duration)
+        both = np.stack([measured[run], at_gauge(fine[run], *numbers)])
         rows = [
-            (f"{name}_time", name, "s", time, "time of the run"),
-            (f"{name}_elevation", f"source {name}", "m", np.stack([record, components]),
-             "elevation at the gauge"),
-        ]  # fmt: skip
+            (f"{name}_time", name, "s", fine[run], "time of the run"),
+            (f"{name}_elevation", f"source {name}", "m", both, "elevation at the gauge"),
+        ]
     else:
         fine, density = sea.given["frequency"] / (2 * np.pi), sea.given["density"] * 2 * np.pi
         if density.ndim > 1:
