@@ -18,14 +18,23 @@ REGULAR = {"kind": "regular-wave", "height": 0.8, "period": 5.0}
 
 
 def waves(
-    *, seed=0, direction=0.7, level=2, components=64, depth=25.0, height=2.0, period=7.0, gamma=3.3
+    *,
+    seed=0,
+    direction=0.7,
+    level=2,
+    spreading=None,
+    components=64,
+    depth=25.0,
+    height=2.0,
+    period=7.0,
+    gamma=3.3,
 ):
     return Waves.jonswap(
         Onset.of(),
         significant_height=height,
         peak_period=period,
         direction=direction,
-        spreading=None,
+        spreading=spreading,
         gamma=gamma,
         components=components,
         depth=depth,
@@ -322,3 +331,13 @@ def test_a_scenario_turns_them_and_keeps_their_phases():
     for way, heading in headings.items():
         np.testing.assert_allclose(flow(*way).headings, [heading] * 64, atol=1e-12)
         np.testing.assert_array_equal(flow(*way).phases, flow(60.0, 2).phases)
+
+
+@pytest.mark.parametrize("spreading", [1.0, 10.0, 100.0])
+def test_directions_follow_the_spreading(spreading):
+    # cos^2s has the first moment s / (s + 1), so a width of sqrt(2 / (s + 1)) (Kuik et al. 1988)
+    drawn = [np.asarray(waves(seed=seed, spreading=spreading).headings) for seed in range(20)]
+    mean = (np.concatenate(drawn) @ [1, 1j]).mean()
+    assert np.angle(mean) == pytest.approx(0.7, abs=0.01)
+    width = np.sqrt(2 * (1 - np.abs(mean)))
+    assert width == pytest.approx(np.sqrt(2 / (spreading + 1)), rel=0.01)

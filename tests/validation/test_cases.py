@@ -7,6 +7,7 @@ from validation.case import KINDS, Check, Evidence
 from validation.cases import all_cases
 from validation.cases.bends import exact as loaded
 from validation.cases.bends_in_space import exact as bent
+from validation.cases.fish import sine
 
 CASES = {case.name: case for case in all_cases()}
 
@@ -57,3 +58,10 @@ def test_a_check_holds_within_its_tolerance_only():
     assert Check("x", np.float64(2.0), np.float64(2.0), np.float64(0.0)).holds is True
     with pytest.raises(ValueError, match="at least one check"):
         Evidence([])
+
+
+def test_the_sine_of_a_record_has_its_amplitude_phase_and_slope():
+    turns = np.linspace(0.0, 2.0, 50)
+    wave, slope = sine(turns, 2.0 + 0.1 * turns + 0.3 * np.cos(2 * np.pi * turns + 0.5))
+    np.testing.assert_allclose(wave, 0.3 * np.exp(0.5j), rtol=0, atol=1e-12)
+    assert slope == pytest.approx(0.1)
