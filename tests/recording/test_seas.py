@@ -168,8 +168,8 @@ def test_an_elevation_that_does_not_fit_is_refused(tmp_path, change, line):
 
 def test_still_water_is_no_elevation(tmp_path):
     table = written(tmp_path / "a.csv", np.arange(200.0), np.full(200, 0.5))
-    line = "flow.0.elevation.value: eta does not vary; must be an elevation"
-    assert refusal(waves(elevation=table)) == line
+    line = "flow.0.elevation.value: eta has 200 samples from 0.5 to 0.5 m; must have 16 or more"
+    assert refusal(waves(elevation=table)) == f"{line} that differ"
 
 
 # --- a spectrum -----------------------------------------------------------------------------------

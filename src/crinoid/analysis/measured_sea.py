@@ -70,4 +70,4 @@ def _rows(name: str, sea: Sea, waves: Waves, duration: float) -> list[Row]:
              np.stack([of_file, of_components]) / np.diff(edges), "density of the elevation"),
         ]  # fmt: skip
     both = np.array([each.values() for each in (sea.statistics, found)])
-    return [*rows, (f"{name}_statistics", "source statistic", "", both, sea.name)]
+    return [*rows, (f"{name}_statistics", "source statistic", "as named", both, sea.name)]

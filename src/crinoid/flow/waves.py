@@ -111,7 +111,7 @@ class Waves(Flow):
         """Draw waves with a JONSWAP spectrum (Hasselmann et al. 1973) at a fixed point.
 
         Their variance is ``(significant_height / 4)^2`` exactly. ``direction`` is the mean
-        direction of travel (rad), ``spreading`` as in `spread`, None for long crests. Others as
+        direction of travel (rad), ``spreading`` as in `drawn`. Others as
         in `drawn`.
         """
         along = _headings(np.asarray([direction]), len(current)) @ np.asarray(current, float)

@@ -15,9 +15,9 @@ from crinoid.recording.units import length_factor
 from crinoid.scenario.errors import got, refusal
 from crinoid.scenario.sea_file import ElevationFile
 
-_HIGHEST, _EVEN, _LEAST, _MOST = 1e3, 1e-6, 500, 10_000
-"""Greatest elevation (m), relative deviation of even intervals, fewest samples before and after a
-run that show its peak, and most components."""
+_HIGHEST, _EVEN, _FEWEST, _LEAST, _MOST = 1e3, 1e-6, 16, 500, 10_000
+"""Greatest elevation (m), relative deviation of even intervals, fewest samples, fewest before and
+after a run that show its peak, and most components."""
 _MARGIN, _BEYOND, _WINDOW = 10, 5, 20
 """Peak periods: of the record before and after a run that is represented too, from there to the
 repetition of the components, and of a window of the spectrum."""
@@ -38,8 +38,9 @@ def read_elevation(table: ElevationFile, duration: float) -> Sea:
     notes = list(whole(series, duration, "time").notes)
     interval = float(np.median(np.diff(series.time)))
     time, values, there = _evenly(series, interval, duration, notes)
-    if not np.ptp(values):
-        raise refusal("value", f"{table.value} does not vary", "be an elevation")
+    if time.size < _FEWEST or not np.ptp(values):
+        text = f"{table.value} has {time.size} samples from {values.min():g} to {values.max():g} m"
+        raise refusal("value", text, f"have {_FEWEST} or more that differ")
     about = SeaStatistics.of_record(values, interval)
     rate, period = 1 / interval, about.peak_period
     if table.cut_hz is not None and table.cut_hz >= rate / 2:

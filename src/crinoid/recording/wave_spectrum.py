@@ -171,7 +171,7 @@ def _travels(
     angle: Float[np.ndarray, " direction"],
     density: Float[np.ndarray, "f direction"],
     attributes: Mapping[Any, Any],
-) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "f direction"]]:
+) -> tuple[Float[np.ndarray, " once"], Float[np.ndarray, "f once"]]:
     """Return directions of travel from x towards y, increasing within a turn (rad), and density."""
     named = " ".join(str(attributes.get(key, "")) for key in ("standard_name", "long_name"))
     words = {"to", "from"} & {*re.split(r"[\W_]+", named.lower())}
