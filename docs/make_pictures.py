@@ -126,6 +126,12 @@ PICTURES = (
     ),
     _report("ship-motion.png", "ship-motion", "The arm below a ship, with and without control."),
     _report("ship-rao.png", "ship-rao", "The arm below the bow of a ship that waves move."),
+    Picture(
+        "buoy-sea.png",
+        "The surface at a buoy, as measured and as computed.",
+        ("crinoid flow buoy-sea --out x",),
+        "x/waves.png",
+    ),
     _report("station-keeping-3d.png", "station-keeping-3d", "In space, across a swell."),
     _report("reef.png", "reef", "An arm rests on a rock, and holds its tip in a swell."),
     _report("spiral.png", "spiral", "A coil that was pulled straight winds up.", "bending.png"),

@@ -38,6 +38,7 @@ from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 if TYPE_CHECKING:
     from crinoid.recording import (
         Recording,
+        Sea,
         Series,
         SolidSurface,
         VesselResponse,
@@ -197,7 +198,7 @@ def keulegan_carpenter(scenario: Scenario, flows: Sequence[Flow]) -> float:
             found.append(float(np.hypot.reduce(flow.amplitude)) / flow.frequency_hz)
         elif isinstance(flow, SurfaceWaves):
             state, gravity = flow.state_of(built), scenario.water.gravity
-            along = flow.current_along(scenario)
+            along = flow.current_along(scenario, built)
             waves = Waves.regular(
                 flow.onset,
                 height=2 * np.sqrt(2) * state.deviation,
@@ -307,7 +308,7 @@ class Parameters(Represented, eqx.Module):
     @staticmethod
     def of(
         scenario: Scenario,
-        recordings: Mapping[int, Recording],
+        recordings: Mapping[int, Recording | Sea],
         series: Mapping[str, Series | VesselResponse],
         surfaces: Mapping[str, SolidSurface],
     ) -> Parameters:

@@ -33,6 +33,7 @@ from crinoid.view.figures.searches import draw_identification, draw_optimisation
 from crinoid.view.figures.seed_means import draw_means, means_keys
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.study import read_cases, study_of
+from crinoid.view.figures.waves import draw_waves, seas
 from crinoid.view.page.parts import PAGE, report_file
 from crinoid.view.page.study import about_study, write_study
 from crinoid.view.page.write import write_run
@@ -65,7 +66,12 @@ _FINDINGS = {
             "frequency place axis": "flow_spectrum",
             "height axis": "profile_mean profile_standard_deviation",
         },
-        {"flow": series_chart, "spectrum": draw_spectrum, "profile": draw_profile},
+        {
+            "flow": series_chart,
+            "waves": draw_waves,
+            "spectrum": draw_spectrum,
+            "profile": draw_profile,
+        },
     ),
     RECORD: _Finding(
         "a record",
@@ -206,6 +212,8 @@ def _finding(path: Path) -> Part:
         return draw_chart(found, data, found.title) if isinstance(found, Chart) else found
 
     figures = {name: partial(drawn, draw) for name, draw in finding.figures.items()}
+    if "waves" in figures and not seas(data):
+        del figures["waves"]
     return Part(path, data, None, figures)
 
 
