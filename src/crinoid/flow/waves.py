@@ -95,70 +95,32 @@ class Waves(Flow):
 
     @staticmethod
     def jonswap(
-        onset: Onset,
-        *,
-        significant_height: float,
-        peak_period: float,
-        gamma: float,
-        current: Sequence[float],
-        direction: float,
-        spreading: float | None,
-        depth: float | None,
-        gravity: float,
-        components: int,
-        generator: np.random.Generator,
+        onset: Onset, *, significant_height: float, peak_period: float, gamma: float, **others: Any
     ) -> "Waves":
         """Draw waves with a JONSWAP spectrum (Hasselmann et al. 1973) at a fixed point.
 
-        Their variance is ``(significant_height / 4)^2`` exactly. ``direction`` is the mean
-        direction of travel (rad), ``spreading`` as in `drawn`. Others as
-        in `drawn`.
+        Their variance is ``(significant_height / 4)^2`` exactly. ``others`` as in `drawn`.
         """
-        along = _headings(np.asarray([direction]), len(current)) @ np.asarray(current, float)
-        stop = float(stopped(-along, depth, gravity)[0]) * (1 - 1e-9)
-        highest = min(SPECTRUM_HIGHEST, stop * peak_period / (2 * np.pi))
-        relative = np.linspace(SPECTRUM_LOWEST, highest, 4001)
-        density = jonswap(relative, gamma)
-        frequency = relative * 2 * np.pi / peak_period
+        relative = np.linspace(SPECTRUM_LOWEST, SPECTRUM_HIGHEST, 4001)
+        density, frequency = jonswap(relative, gamma), relative * 2 * np.pi / peak_period
         density *= (significant_height / 4) ** 2 / np.trapezoid(density, frequency)
-        return Waves.drawn(
-            onset,
-            frequency=frequency,
-            density=density,
-            direction=direction,
-            spreading=spreading,
-            components=components,
-            depth=depth,
-            gravity=gravity,
-            current=current,
-            generator=generator,
-        )
+        return Waves.drawn(onset, frequency=frequency, density=density, **others)
 
     @staticmethod
     def regular(
-        onset: Onset,
-        *,
-        height: float,
-        period: float,
-        direction: float,
-        phase: float,
-        depth: float | None,
-        gravity: float,
-        current: Sequence[float],
+        onset: Onset, *, height: float, period: float, direction: float, phase: float, **water: Any
     ) -> "Waves":
         """Return one Airy wave, with its crest at the origin at t = 0 for ``phase = 0`` (rad).
 
-        SI units; without a depth the water is deep. ``direction`` is that of travel (rad).
+        SI units. ``direction`` is that of travel (rad), ``water`` as in `of`.
         """
         return Waves.of(
             onset,
-            headings=_headings(np.array([direction]), len(current)),
+            headings=_headings(np.array([direction]), len(water["current"])),
             amplitudes=np.array([height / 2]),
             frequencies=np.array([2 * np.pi / period]),
             phases=np.array([phase / (2 * np.pi)]),
-            depth=depth,
-            gravity=gravity,
-            current=current,
+            **water,
         )
 
     @staticmethod
@@ -170,7 +132,7 @@ class Waves(Flow):
         generator: np.random.Generator,
         **known: Any,
     ) -> "Waves":
-        """Return components that are known at a gauge, with directions drawn as in `jonswap`.
+        """Return components that are known at a gauge, with directions drawn as in `drawn`.
 
         ``known`` are the other arguments of `of`; ``origin`` is the place of the gauge.
         """
@@ -186,10 +148,8 @@ class Waves(Flow):
         direction: float | Float[np.ndarray, " direction"],
         spreading: float | None = None,
         components: int,
-        depth: float | None,
-        gravity: float,
-        current: Sequence[float],
         generator: np.random.Generator,
+        **water: Any,
     ) -> "Waves":
         """Draw waves with a spectrum at a fixed point.
 
@@ -214,10 +174,10 @@ class Waves(Flow):
             ``cos^2s(angle / 2)`` (Longuet-Higgins, Cartwright and Smith 1963); None: long crests.
         components
             Number of components.
-        depth, gravity, current
-            As in `of`.
         generator
             Generator of random numbers.
+        water
+            ``depth``, ``gravity`` and ``current`` as in `of`.
         """
         whole: Any = density
         if density.ndim > 1:
@@ -244,13 +204,11 @@ class Waves(Flow):
         amplitude = np.sqrt(2 * np.trapezoid(along, grid) / components)
         made = Waves.of(
             onset,
-            headings=_headings(turns, len(current)),
+            headings=_headings(turns, len(water["current"])),
             amplitudes=np.full(components, amplitude),
             frequencies=found,
             phases=phases,
-            depth=depth,
-            gravity=gravity,
-            current=current,
+            **water,
         )
         share = made.amplitudes.size / components
         return replace(made, amplitudes=made.amplitudes / share**0.5)
