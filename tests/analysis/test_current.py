@@ -272,6 +272,30 @@ def test_a_measured_current_is_described_with_its_repairs(here):
         assert dataset.attrs["notes"].startswith("flow.0: 1.67% of u is missing")
 
 
+@pytest.mark.slow
+def test_a_measured_sea_is_compared_with_its_components(here):
+    time, frequency = np.arange(0, 60, 0.5), np.arange(0.1, 0.5, 0.02)
+    rows = "".join(f"{t},{0.2 * np.cos(1.3 * t) + 0.2 * np.cos(1.7 * t)}\n" for t in time)
+    (here / "e.csv").write_text(f"time (s),elevation (m)\n{rows}")
+    rows = "".join(f"{f:.3g},{np.exp(-((10 * f - 2) ** 2))}\n" for f in frequency)
+    (here / "s.csv").write_text(f"frequency (Hz),density (m2/Hz)\n{rows}")
+    (here / "mine.toml").write_text(
+        "simulation.duration = 2\nbase.position = [0, -3]\n"
+        '[[flow]]\nkind = "waves"\nelevation = {file = "e.csv", skip = 20}\n'
+        '[[flow]]\nkind = "waves"\nspectrum = {file = "s.csv"}\n'
+    )
+    written = succeeded("flow", "mine.toml", "--out", "out")
+    assert written.count("peak period (s)") == 4  # a table and a note of each file
+    assert_shows_something(here / "out" / "waves.png")
+    with xr.open_dataset(here / "out" / "flow.nc", decode_times=False) as dataset:
+        for index, height in enumerate((4 * 0.2, 4 * (0.1 * np.pi**0.5) ** 0.5)):
+            found = dataset[f"sea_{index}_statistics"].values
+            np.testing.assert_allclose(found[1, :3], found[0, :3], rtol=0.05)
+            assert found[0, 0] == pytest.approx(height, rel=0.05)
+        measured, components = dataset["sea_0_elevation"].values[:, ::4]
+        np.testing.assert_allclose(measured, components, atol=1e-3)
+
+
 def counted(monkeypatch, name: str) -> list[None]:
     """Count the calls of a function."""
     module, _, function = name.rpartition(".")
@@ -342,6 +366,11 @@ def test_the_record_that_comes_along_is_the_one_its_script_makes():
             np.testing.assert_allclose(stored[name], series, atol=1e-6)
     played = Scenario(flow=[{"kind": "measured", "file": str(script.RECORD)}])
     assert Prepared(played).notes() == []
+
+
+def test_the_sea_that_comes_along_is_the_one_its_script_makes():
+    script = load_script(ROOT / "docs" / "make_buoy_record.py")
+    assert script.RECORD.read_text("utf-8") == script.record()
 
 
 def test_a_built_in_scenario_brings_its_file_along(here, monkeypatch):

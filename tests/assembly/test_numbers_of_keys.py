@@ -31,10 +31,16 @@ DERIVED, STRUCTURE = (
     for table in PAGE.read_text().split("## What stays")[1].split("|---|---|")[1:]
 )
 """Numbers that follow from several keys or none, and those whose keys change the structure too."""
-LIBRARY = ["reef", "ship-motion", "tidal-channel"]
+LIBRARY = ["buoy-sea", "reef", "ship-motion", "ship-rao", "tidal-channel"]
 """Built-in scenarios with files."""
 SENSORS = ("Contact", "Inclination", "Shape", "Wrench", "Current")
-UNUSED = {"ActuatorTable", "FileMotion", "Phase", *(f"{name}Sensor" for name in SENSORS)}
+UNUSED = {
+    "ActuatorTable",
+    "FileMotion",
+    "Phase",
+    "SpectrumFile",
+    *(f"{name}Sensor" for name in SENSORS),
+}
 """Tables without a number of the parameters, or with those of a table that is used."""
 NOT_A_NUMBER = {"title", "output", "target", "sensor", "sensors", "control"}
 """Tables of which no number, or only gains, are among the parameters."""

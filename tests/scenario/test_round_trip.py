@@ -65,6 +65,9 @@ kind = "sine"
 channel = "tilt"
 amplitude_deg = 1
 frequency_hz = 0.1
+[[flow]]
+kind = "waves"
+spectrum = {file = "s.nc", heading_deg = 90, select = {time = 3}}
 """
 SCENARIOS = {name: Scenario.from_toml(globals()[name]) for name in ("PLANAR", "SPATIAL", "VESSEL")}
 SCENARIOS |= {name: load(name) for name in builtin_names()}

@@ -25,6 +25,12 @@ def test_station_keeping_in_space_holds_position_and_direction(changes):
     assert swing[2] > 0.02
 
 
+def test_an_arm_below_a_measured_sea_is_held():
+    result = crinoid.simulate(crinoid.load("buoy-sea"))
+    assert tip_error(result).rms < 0.06 * tip_error(result.uncontrolled).rms
+    assert tip_error(result.uncontrolled).rms > 0.01
+
+
 def test_a_circle_in_a_cross_current_is_traced_through_feed_forward():
     assert_traced("trace-circle-3d", **{"water.vortices.model": "none", "control.kind": "pid"})
 

@@ -11,11 +11,13 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from crinoid.analysis.measured_sea import SOURCES, sea_rows
 from crinoid.analysis.sea_record import NO_MEAN, velocity_statistics
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import System
 from crinoid.foundation.axes import AXES
+from crinoid.numerics.sea_statistics import STATISTICS
 from crinoid.numerics.signals_and_systems import integral_time, spectrum, von_karman
 from crinoid.recording import Recording
 from crinoid.results.dataset import FORWARD, describe, described
@@ -111,7 +113,7 @@ def sample_current(prepared: Prepared) -> xr.Dataset:
     model, words = _model(system, scenario, frequency, velocity[late, 1], times[late])
     if model is not None:
         rows.append(("model_spectrum", "frequency axis", "m2 s-1", model, words))
-    rows += _records(prepared.recordings, float(times[-1]))
+    rows += _records(prepared.recordings, float(times[-1])) + sea_rows(prepared)
     axes = root.size
     coords = described([
         ("time", "time", "s", times, "time"),
@@ -122,6 +124,13 @@ def sample_current(prepared: Prepared) -> xr.Dataset:
         ("height", "height", "m", heights, "height z above or below the root"),
     ])  # fmt: skip
     coords["time"][2]["axis"], coords["height"][2]["positive"] = "T", "up"
+    if prepared.seas:
+        coords |= described(
+            [
+                ("source", "source", "", list(SOURCES), "of the waves: a file or a sum"),
+                ("statistic", "statistic", "", list(STATISTICS), "statistic"),
+            ]
+        )
     dataset = xr.Dataset(described(rows), coords)
     dataset.attrs = describe(scenario) | {
         "title": scenario.title or "current",

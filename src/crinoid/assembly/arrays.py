@@ -21,7 +21,7 @@ from crinoid.scenario import FlowTable, Load, LoadTable, Scenario, got, refusal
 from crinoid.scenario.model import Model
 
 if TYPE_CHECKING:
-    from crinoid.recording import Recording
+    from crinoid.recording import Recording, Sea
 
 _Group = TypeVar("_Group", bound=eqx.Module)
 Numbers = dict[str, Any]
@@ -96,9 +96,9 @@ def load_numbers(load: Load, index: int, scenario: Scenario) -> tuple[Builder, N
 
 
 def build_flow(
-    scenario: Scenario, index: int, flow: FlowTable, recording: Recording | None = None
+    scenario: Scenario, index: int, flow: FlowTable, recording: Recording | Sea | None = None
 ) -> Flow:
-    """Return the flow at ``index`` of a scenario; a measured one from its recording."""
+    """Return the flow at ``index`` of a scenario; a measured one from what was read of it."""
     # two random flows of one scenario are not the same
     seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
     given = (np.random.default_rng(seed), *(() if recording is None else (recording,)))

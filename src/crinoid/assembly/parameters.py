@@ -36,7 +36,13 @@ from crinoid.rod import Rod
 from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 
 if TYPE_CHECKING:
-    from crinoid.recording import Recording, Series, SolidSurface  # xarray, slow to load
+    from crinoid.recording import (
+        Recording,
+        Sea,
+        Series,
+        SolidSurface,
+        VesselResponse,
+    )  # xarray, slow to load
 
 _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
     "newmark": Integrator.newmark,
@@ -192,7 +198,7 @@ def keulegan_carpenter(scenario: Scenario, flows: Sequence[Flow]) -> float:
             found.append(float(np.hypot.reduce(flow.amplitude)) / flow.frequency_hz)
         elif isinstance(flow, SurfaceWaves):
             state, gravity = flow.state_of(built), scenario.water.gravity
-            along = flow.current_along(scenario)
+            along = flow.current_along(scenario, built)
             waves = Waves.regular(
                 flow.onset,
                 height=2 * np.sqrt(2) * state.deviation,
@@ -302,8 +308,8 @@ class Parameters(Represented, eqx.Module):
     @staticmethod
     def of(
         scenario: Scenario,
-        recordings: Mapping[int, Recording],
-        series: Mapping[str, Series],
+        recordings: Mapping[int, Recording | Sea],
+        series: Mapping[str, Series | VesselResponse],
         surfaces: Mapping[str, SolidSurface],
     ) -> Parameters:
         """Return the numbers of a scenario, with what was read from its files."""
@@ -324,7 +330,7 @@ class Parameters(Represented, eqx.Module):
         )
         return Parameters(
             arm=from_table(ArmParameters, scenario.arm, section=section, relaxation=relaxation),
-            base=BaseParameters.of(scenario, series),
+            base=BaseParameters.of(scenario, series, flows),
             water=WaterParameters.of(scenario, flows),
             flow=flows,
             load=tuple(numbers for _, numbers in loads),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 from crinoid.scenario import MeasuredFlow, Mesh, Scenario, Seabed
-from crinoid.scenario.base_motion import InFile
+from crinoid.scenario.base_motion import InFile, ResponseMotion
 from crinoid.scenario.document import digests
 from crinoid.scenario.errors import gathered, refusal
 from crinoid.scenario.library import Source, scenario_of
+from crinoid.scenario.waves import WavesFlow
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Parts
     from crinoid.control import Sensor, Target
     from crinoid.dynamics import System
-    from crinoid.recording import Recording, Series, SolidSurface
+    from crinoid.recording import Recording, Sea, SolidSurface
 
 
 class Prepared:
@@ -58,7 +59,7 @@ class Prepared:
         solid = [
             (each.arm, each.tool, each.base.position, each.obstacle) for each in (before, scenario)
         ]
-        names = ["digests", "recordings", "series"]
+        names = ["digests", "recordings", "seas", "series"]
         names += ["surfaces"] if solid[0] == solid[1] else []
         vars(other).update({name: vars(self)[name] for name in names if name in vars(self)})
         return other
@@ -88,10 +89,26 @@ class Prepared:
         return dict(zip(measured, found.values(), strict=True))
 
     @cached_property
-    def series(self) -> dict[str, Series]:
-        """The series in the files of prescribed motions and of the target, by table."""
+    def seas(self) -> dict[int, Sea]:
+        """The surface waves in files by their index in ``flow``."""
+        flows = enumerate(self.scenario.flow)
+        waves = {i: e for i, e in flows if isinstance(e, WavesFlow) and e.state is None}
+        if not waves:
+            return {}
+        _ = self.digests
+        from crinoid.recording import read_sea  # xarray, slow to load; few need it
+
+        duration = self.scenario.simulation.duration
+        readers = {f"flow.{i}": partial(read_sea, flow, duration) for i, flow in waves.items()}
+        return dict(zip(waves, gathered(readers).values(), strict=True))
+
+    @cached_property
+    def series(self) -> dict[str, Any]:
+        """The series, or RAOs, in the files of prescribed motions and of the target, by table."""
         scenario = self.scenario
-        in_file = any(isinstance(motion, InFile) for motion in scenario.base.motion)
+        in_file = any(
+            isinstance(motion, InFile | ResponseMotion) for motion in scenario.base.motion
+        )
         if scenario.target.file is None and not in_file:
             return {}
         _ = self.digests
@@ -112,26 +129,38 @@ class Prepared:
     @property
     def count(self) -> int:
         """Number of numbers in its files."""
-        series = [values for each in self.series.values() for values in (each.time, each.values)]
+        series = [each for read in self.series.values() for each in vars(read).values()]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
         grids = [each.spline.coefficients for each in self.surfaces.values()]
-        return sum(values.size for values in (*series, *records, *grids))
+        seas = [values for each in self.seas.values() for values in each.given.values()]
+        return sum(getattr(each, "size", 0) for each in (*series, *records, *grids, *seas))
 
     def notes(self) -> list[str]:
         """Return notes on the files of the scenario, a sentence each."""
-        read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
-        return [
+        read = {f"flow.{index}": each for index, each in (self.recordings | self.seas).items()}
+        notes = [
             f"{key}: {note}"
             for key, found in (read | self.series | self.surfaces).items()
             for note in found.notes
         ]
+        if vessels := {key: each for key, each in self.series.items() if hasattr(each, "beyond")}:
+            from crinoid.assembly.response import waves_of  # JAX: slow to load; few need it
+
+            notes += [
+                f"{key}: flow.{index}: {note}"
+                for index, flow in waves_of(self.parameters.flow)
+                for key, vessel in vessels.items()
+                if (note := vessel.beyond(flow))
+            ]
+        return notes
 
     @cached_property
     def parameters(self) -> Parameters:
         """The numbers of the scenario by name, as arrays."""
         from crinoid.assembly.parameters import Parameters  # JAX: slow to load, not for reading
 
-        found = Parameters.of(self.scenario, self.recordings, self.series, self.surfaces)
+        flows = self.recordings | self.seas
+        found = Parameters.of(self.scenario, flows, self.series, self.surfaces)
         if self.parts is None:
             return found
         return replace(found, actuator=(*found.actuator, *self.parts.actuators))

@@ -36,6 +36,8 @@ def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:
         data = sample_current(found.prepared)
         recordings = found.prepared.recordings.items()
         lines = [f"flow.{index}: {_described(recording)}" for index, recording in recordings]
+        for index, sea in found.prepared.seas.items():
+            console.print(_sea_table(data[f"sea_{index}_statistics"], sea.name))
         found.show(data, _current_table(data), lines=lines)
 
 
@@ -48,6 +50,12 @@ def _current_table(data: xr.Dataset) -> Table:
     velocities = (data["flow_velocity"].sel(place=place).values[late] for place in places)
     columns = [current_statistics(each, time[1] - time[0], axes) for each in velocities]
     return statistics_table(data.attrs["title"], heads, columns)
+
+
+def _sea_table(statistics: xr.DataArray, name: str) -> Table:
+    names, (of_file, of_sum) = statistics["statistic"].values.tolist(), statistics.values
+    columns = [dict(zip(names, values, strict=True)) for values in (of_file, of_sum)]
+    return statistics_table(name, ("waves", *statistics["source"].values.tolist()), columns)
 
 
 def _described(recording: Recording) -> str:

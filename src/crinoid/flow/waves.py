@@ -111,7 +111,7 @@ class Waves(Flow):
         """Draw waves with a JONSWAP spectrum (Hasselmann et al. 1973) at a fixed point.
 
         Their variance is ``(significant_height / 4)^2`` exactly. ``direction`` is the mean
-        direction of travel (rad), ``spreading`` as in `spread`, None for long crests. Others as
+        direction of travel (rad), ``spreading`` as in `drawn`. Others as
         in `drawn`.
         """
         along = _headings(np.asarray([direction]), len(current)) @ np.asarray(current, float)
@@ -123,7 +123,10 @@ class Waves(Flow):
         density *= (significant_height / 4) ** 2 / np.trapezoid(density, frequency)
         return Waves.drawn(
             onset,
-            **spread(frequency, density, direction, spreading),
+            frequency=frequency,
+            density=density,
+            direction=direction,
+            spreading=spreading,
             components=components,
             depth=depth,
             gravity=gravity,
@@ -159,12 +162,29 @@ class Waves(Flow):
         )
 
     @staticmethod
+    def at_gauge(
+        onset: Onset,
+        *,
+        direction: float,
+        spreading: float | None,
+        generator: np.random.Generator,
+        **known: Any,
+    ) -> "Waves":
+        """Return components that are known at a gauge, with directions drawn as in `jonswap`.
+
+        ``known`` are the other arguments of `of`; ``origin`` is the place of the gauge.
+        """
+        turns = _about(direction, spreading, known["amplitudes"].size, generator)
+        return Waves.of(onset, headings=_headings(turns, len(known["current"])), **known)
+
+    @staticmethod
     def drawn(
         onset: Onset,
         *,
         frequency: Float[np.ndarray, " f"],
         density: Float[np.ndarray, "..."],
         direction: float | Float[np.ndarray, " direction"],
+        spreading: float | None = None,
         components: int,
         depth: float | None,
         gravity: float,
@@ -189,6 +209,9 @@ class Waves(Flow):
         direction
             Direction of travel (rad, from x towards y): of all waves, or of each column of
             ``density``, increasing within a turn.
+        spreading
+            Of a density without directions, exponent s of their distribution about ``direction``,
+            ``cos^2s(angle / 2)`` (Longuet-Higgins, Cartwright and Smith 1963); None: long crests.
         components
             Number of components.
         depth, gravity, current
@@ -196,23 +219,28 @@ class Waves(Flow):
         generator
             Generator of random numbers.
         """
-        long_crested = density.ndim == 1
         whole: Any = density
-        if not long_crested:
-            turn, directional = _around(np.asarray(direction), density)
-            whole = np.trapezoid(directional, turn)
+        if density.ndim > 1:
+            turn = np.append(direction, np.ravel(direction)[0] + 2 * np.pi)
+            directional = np.c_[density, density[:, :1]]
+            whole = np.asarray(np.trapezoid(directional, turn))
         even = np.linspace(0, 1, max(1, 4000 // (frequency.size - 1)) * (frequency.size - 1) + 1)
         grid = np.interp(even, np.linspace(0, 1, frequency.size), frequency)
         along = np.interp(grid, frequency, whole)
         shares = (np.arange(components) + generator.random(components)) / components
         found, phases = _quantiles(grid, along, shares), generator.random(components)
-        turns: Any = np.full(components, direction) if long_crested else None
-        if not long_crested:
-            # evenly in each band of frequencies (the golden ratio, as a sequence of Weyl)
-            quantiles = (generator.random() + _GOLDEN * np.arange(components)) % 1
-            rows = interpolated(frequency, directional, found)
-            pairs = zip(rows, quantiles, strict=True)
-            turns = np.array([_quantiles(turn, row, share) for row, share in pairs])
+        if density.ndim > 1:
+            from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
+            # straight lines would spread a narrow sea between few directions
+            fine = np.linspace(turn[0], turn[-1], _ANGLES)
+            among = CubicSpline(
+                turn, _interpolated(frequency, directional, found).T, bc_type="periodic"
+            )
+            pairs = zip(np.maximum(among(fine), 0.0).T, _even(components, generator), strict=True)
+            turns = np.array([_quantiles(fine, row, share) for row, share in pairs])
+        else:
+            turns = _about(float(direction), spreading, components, generator)
         amplitude = np.sqrt(2 * np.trapezoid(along, grid) / components)
         made = Waves.of(
             onset,
@@ -231,6 +259,11 @@ class Waves(Flow):
     def deviation(self) -> float:
         """Standard deviation of the elevation (m)."""
         return float(np.sqrt(np.sum(np.square(self.amplitudes)) / 2))
+
+    @property
+    def mean_heading(self) -> Float[np.ndarray, " level"]:
+        """Mean of the headings, weighted by the energy."""
+        return np.average(self.headings, axis=0, weights=np.square(self.amplitudes))
 
     @property
     def energy_period(self) -> float:
@@ -343,7 +376,7 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
 
     def improved(number: Array, given: tuple[Array, ...]) -> Array:
         frequency, depth, gravity, current = given
-        sigma, group = _dispersion(number, depth, gravity, jnp)
+        sigma, group = dispersion(number, depth, gravity, jnp)
         return number + (frequency - sigma - number * current) / (group + current)
 
     given = tuple(jnp.asarray(each, float) for each in (frequency, depth, gravity, current))
@@ -368,25 +401,6 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
     return improved(found, given)
 
 
-def spread(
-    frequency: Float[np.ndarray, " f"],
-    density: Float[np.ndarray, " f"],
-    direction: float,
-    spreading: float | None,
-) -> dict[str, Any]:
-    """Return frequency, density and direction for `Waves.drawn`, spread about one direction (rad).
-
-    With ``s = spreading`` the share of the energy is as ``cos^2s((angle - direction) / 2)``
-    (Longuet-Higgins, Cartwright and Smith 1963); None: long crests.
-    """
-    angles: Any = direction
-    if spreading is not None:
-        away = np.linspace(-np.pi, np.pi, _ANGLES)[:-1]
-        shape = np.cos(0.5 * away) ** (2 * spreading)
-        angles, density = direction + away, np.outer(density, shape / (shape.mean() * 2 * np.pi))
-    return {"frequency": frequency, "density": density, "direction": angles}
-
-
 def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarray, "*f"]:
     """Return the lowest frequency at a fixed point that a current stops waves of (rad/s).
 
@@ -400,14 +414,30 @@ def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarr
     high = gravity / (4 * slow**2)  # that of deep water
     if depth is not None and slow.size:
         low, high = 0 * slow, np.maximum(high, 1 / depth)
-        while np.any(behind := _dispersion(high, depth, gravity)[1] > slow):
+        while np.any(behind := dispersion(high, depth, gravity)[1] > slow):
             high = np.where(behind, 2 * high, high)
         for _ in range(100):
             middle = 0.5 * (low + high)
-            ahead = _dispersion(middle, depth, gravity)[1] > slow
+            ahead = dispersion(middle, depth, gravity)[1] > slow
             low, high = np.where(ahead, middle, low), np.where(ahead, high, middle)
-    found[(against > 0) & ~fast] = _dispersion(high, depth, gravity)[0] - high * slow
+    found[(against > 0) & ~fast] = dispersion(high, depth, gravity)[0] - high * slow
     return np.where(against > 0, found, np.inf)
+
+
+def _about(
+    direction: float, spreading: float | None, count: int, generator: np.random.Generator
+) -> Float[np.ndarray, " m"]:
+    """Draw directions about one (rad); see `Waves.drawn`."""
+    if spreading is None:
+        return np.full(count, direction)
+    away = np.linspace(-np.pi, np.pi, _ANGLES)
+    shape = np.cos(0.5 * away) ** (2 * spreading)
+    return direction + _quantiles(away, shape, _even(count, generator))
+
+
+def _even(count: int, generator: np.random.Generator) -> Float[np.ndarray, " m"]:
+    """Return shares that are even in each band of components: a sequence of Weyl."""
+    return (generator.random() + _GOLDEN * np.arange(count)) % 1
 
 
 def _headings(angles: Float[np.ndarray, " m"], axes: int) -> Float[np.ndarray, "m level"]:
@@ -415,15 +445,7 @@ def _headings(angles: Float[np.ndarray, " m"], axes: int) -> Float[np.ndarray, "
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, :axes]
 
 
-def _around(
-    angles: Float[np.ndarray, " direction"], density: Float[np.ndarray, "f direction"]
-) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, "f angle"]]:
-    """Return angles of one turn (rad) and a density there, from one that has each angle once."""
-    turn = angles[0] + np.linspace(0, 2 * np.pi, _ANGLES)
-    return turn, interpolated(np.append(angles, turn[-1]), np.c_[density, density[:, 0]].T, turn).T
-
-
-def interpolated(
+def _interpolated(
     at: Float[np.ndarray, " x"], rows: Float[np.ndarray, "x c"], to: Float[np.ndarray, " y"]
 ) -> Float[np.ndarray, "y c"]:
     """Return rows at other places, by straight lines between those given."""
@@ -439,7 +461,7 @@ def _quantiles(grid: Float[np.ndarray, " x"], density: Float[np.ndarray, " x"], 
     return np.interp(shares, below / below[-1], grid)
 
 
-def _dispersion(number: Any, depth: Any, gravity: Any, xp: Any = np) -> tuple[Any, Any]:
+def dispersion(number: Any, depth: Any, gravity: Any, xp: Any = np) -> tuple[Any, Any]:
     """Return the frequency from the water (rad/s) and the speed of the energy (m/s)."""
     if depth is None:
         sigma = xp.sqrt(gravity * number)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +62,7 @@ class _Source(NamedTuple):
             variable = _entry(variable, component, key, [*axes.values()])
         for dimension in [str(each) for each in variable.dims if each not in axes.values()]:
             if variable.sizes[dimension] > 1:
-                raise _left_over(variable, name, key, dimension, profile=self.upright is not None)
+                raise left_over(variable, name, key, dimension, profile=self.upright is not None)
             variable = variable.isel({dimension: 0})
         variable = variable.transpose(*axes.values())
         values = quantity(self.dataset, variable, column, self.remarks)
@@ -115,7 +115,7 @@ def is_labelled(variable: xr.DataArray, dimension: str) -> bool:
     return dimension in variable.coords and variable.coords[dimension].dtype.kind not in "iuf"
 
 
-def _left_over(
+def left_over(
     variable: xr.DataArray, name: str, key: str, dimension: str, *, profile: bool
 ) -> ScenarioError:
     """Return the refusal of a dimension from which no entry is selected."""
@@ -151,16 +151,17 @@ def _nearest(dataset: xr.Dataset, dimension: str, place: float) -> int:
     return int(np.argmin(np.abs(places - place)))
 
 
-def _at_place(dataset: xr.Dataset, flow: MeasuredFlow, names: list[str]) -> xr.Dataset:
-    """Return the dataset at the place that the flow selects."""
+def at_place(
+    dataset: xr.Dataset, select: Mapping[str, float], names: list[str], kept: Collection[str | None]
+) -> xr.Dataset:
+    """Return the dataset at a place in the dimensions of variables other than those ``kept``."""
     others = {
         str(dimension)
         for name in names
         for dimension in dataset[name].dims
-        if dimension not in (flow.time, flow.vertical)
-        and not is_labelled(dataset[name], str(dimension))
+        if dimension not in kept and not is_labelled(dataset[name], str(dimension))
     }
-    for dimension, place in flow.select.items():
+    for dimension, place in select.items():
         if dimension not in others:
             must = f"be {listed(sorted(others))}" if others else "be left out"
             raise refusal(f"select.{dimension}", "no dimension to select in", must)
@@ -187,7 +188,7 @@ def read_selection(flow: MeasuredFlow, bed: float | None) -> FilledRecord:
             upright = find(dataset, component.name, "vertical", flow.file)
             check_count(dataset[upright].size, flow.file, upright)
             dataset = as_profile(dataset, clock, upright, flow.file)
-        dataset = _at_place(dataset, flow, named)
+        dataset = at_place(dataset, flow.select, named, (flow.time, flow.vertical))
         if dataset[clock].ndim > 1:  # as of a single station
             dataset = dataset.squeeze([d for d, n in dataset[clock].sizes.items() if n == 1])
         along = only_dimension(dataset[clock], "time")

@@ -15,11 +15,12 @@ from crinoid.foundation.axes import ANGLES, AXES
 from crinoid.recording.axes import as_numbers, find, only_dimension, seconds
 from crinoid.recording.numbers import Column, check_count, labels_of, numbers_of, quantity
 from crinoid.recording.readers import read_dataset
+from crinoid.recording.response import VesselResponse, read_response
 from crinoid.recording.texts import REMARKS, short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import Scenario, Target, counted, refusal
-from crinoid.scenario.base_motion import FileMotion, VesselMotion
+from crinoid.scenario.base_motion import FileMotion, ResponseMotion, VesselMotion, too_steep
 from crinoid.scenario.quantity import OPPOSITE
 
 _MOST = 0.5
@@ -144,28 +145,29 @@ def read_series(
     only: tuple[str, str] | None = None,
     *,
     gaps: bool = False,
+    time_key: str = "time_column",
 ) -> Series:
     """Read columns of a CSV or netCDF file.
 
     Times that are numbers are those of the run, dates count from the first one; ``skip`` is the
     time of the file when the run begins. Rows with a missing value are omitted, or only those
     without any value where ``gaps`` may stay. With ``only``, a column and a label in it, other rows
-    do not count.
+    do not count. ``time_key`` is the key that names the column of times.
     """
     with read_dataset(file) as dataset:
         remarks: list[str] = dataset.attrs.get(REMARKS, "").splitlines()
-        name = find(dataset, time_column, "time_column", file)
-        along = only_dimension(dataset[name], "time_column")
+        name = find(dataset, time_column, time_key, file)
+        along = only_dimension(dataset[name], time_key)
         check_count(dataset[name].size * len(columns), file, "this path")
-        clock = as_numbers(dataset[name], "time_column")
+        clock = as_numbers(dataset[name], time_key)
         units = str(clock.attrs.get("units", ""))
-        begin = numbers_of(clock, "time_column", "times")[:1]
+        begin = numbers_of(clock, time_key, "times")[:1]
         if only is not None:
             chosen = np.flatnonzero(np.array(labels_of(dataset[only[0]])) == only[1])
             dataset, clock = dataset.isel({along: chosen}), clock.isel({along: chosen})
-        time = seconds(clock, remarks, key="time_column")
+        time = seconds(clock, remarks, key=time_key)
         since = begin[0] if " since " in units else 0
-        start = numbers_of(clock, "time_column", "times")[0]
+        start = numbers_of(clock, time_key, "times")[0]
         time += float(start - since) * (time_factor(units) or 1)
         values = values_in(dataset, columns, clock, file, remarks)
     there = (np.any if gaps else np.all)(np.isfinite(values), axis=1)
@@ -198,16 +200,18 @@ def read_series(
     return Series(time - skip, values, tuple(remarks))
 
 
-def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
-    """Return a reader of each series that a scenario names, by the key of its table."""
+def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series | VesselResponse]]:
+    """Return a reader of each series, or RAOs, of a scenario by the key of its table."""
     duration, axes = scenario.simulation.duration, AXES[scenario.arm.dimension]
-    readers: dict[str, Callable[[], Series]] = {}
+    readers: dict[str, Callable[[], Series | VesselResponse]] = {}
     for index, motion in enumerate(scenario.base.motion):
         match motion:
             case FileMotion():
                 readers[f"base.motion.{index}"] = lambda motion=motion: _motion(motion, scenario)
             case VesselMotion():
                 readers[f"base.motion.{index}"] = lambda motion=motion: _vessel(motion, scenario)
+            case ResponseMotion():
+                readers[f"base.motion.{index}"] = lambda m=motion: read_response(m, scenario)
     if scenario.target.path == "file":
         readers["target"] = lambda: _path(scenario.target, axes, duration)
     return readers
@@ -217,7 +221,7 @@ def _motion(motion: FileMotion, scenario: Scenario) -> Series:
     name, turns = motion.value_column or motion.channel, motion.channel in ANGLES
     column = _displacement("value_column", name, turns=turns)
     series = read_series(motion.file, motion.time_column, [column], motion.skip)
-    return _whole(series, scenario.simulation.duration)
+    return whole(series, scenario.simulation.duration)
 
 
 def _displacement(key: str, name: str, *, turns: bool) -> Column:
@@ -227,39 +231,36 @@ def _displacement(key: str, name: str, *, turns: bool) -> Column:
     return Column(key, name, length_factor, "m", _SHIFT)
 
 
-def _whole(series: Series, duration: float) -> Series:
+def whole(series: Series, duration: float, key: str = "time_column") -> Series:
     """Return a series that spans a run, or refuse it."""
     first, last = series.time[[0, -1]]
     if first > 0:
-        raise refusal("time_column", f"begins at {first:.6g} s of the run", "begin at 0 or earlier")
+        raise refusal(key, f"begins at {first:.6g} s of the run", "begin at 0 or earlier")
     if last < duration * (1 - 1e-9):
         text = f"ends at {last:.6g} s of the run"
-        raise refusal("time_column", text, f"end at simulation.duration = {duration} or later")
+        raise refusal(key, text, f"end at simulation.duration = {duration} or later")
     return series
 
 
 def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
     """Return the motion of the channels of a base that a vessel carries."""
     base, axes, columns, signs = scenario.base, scenario.arm.dimension, [], {}
-    for name, given in motion.columns.given(scenario.arm.dimension).items():
-        signs[name] = 0.0 if given == "0" else -1.0 if given.startswith("-") else 1.0
-        if not signs[name]:
-            continue
-        turns = name not in ("surge", "sway", "heave")
-        columns.append(_displacement(f"columns.{name}", given.removeprefix("-"), turns=turns))
+    for name, (sign, column) in motion.columns.given(scenario.arm.dimension).items():
+        signs[name] = sign
+        if sign:
+            turns = name not in ("surge", "sway", "heave")
+            columns.append(_displacement(f"columns.{name}", column, turns=turns))
     if not columns:
         raise refusal("columns", "every motion is 0", "name a column")
     series = read_series(motion.file, motion.time_column, columns, motion.skip)
-    series = _whole(series, scenario.simulation.duration)
+    series = whole(series, scenario.simulation.duration)
     read, still = iter(series.values.T), np.zeros(series.time.size)
     moved = {name: sign * next(read) if sign else still for name, sign in signs.items()}
     for name in moved.keys() & {"surge", "sway", "yaw"}:  # of which a log has positions, headings
         moved[name] = moved[name] - np.interp(0.0, series.time, moved[name])
     values = vessel_motion(moved, motion.offset, base.angles)
     if axes == 3 and not np.isfinite(values).all():
-        text = f"the arm has a tilt of {np.rad2deg(base.angles[1]):.0f} degrees while the vessel "
-        hint = 'Or set roll to "0", and yaw to "0" or base.pan_deg to 0.'
-        raise refusal("columns", f"{text}rolls or pitches", "point less steeply in space", hint)
+        raise too_steep(base.angles[1])
     return replace(series, values=values)
 
 

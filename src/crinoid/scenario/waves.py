@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from crinoid.scenario.errors import Mistake
 from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import Degrees, Metres, Seconds
+from crinoid.scenario.sea_file import ElevationFile, SpectrumFile
 
 
 class SeaState(NamedTuple):
@@ -47,11 +50,13 @@ class SurfaceWaves(FlowTable):
     @property
     def direction(self) -> float:
         """Mean direction of travel (rad)."""
-        return math.radians(self.direction_deg)  # type: ignore[attr-defined]
+        return math.radians(self.direction_deg or 0.0)  # type: ignore[attr-defined]
 
-    def current_along(self, scenario: Any) -> float:
-        """Return the mean current along their mean direction (m/s)."""
+    def current_along(self, scenario: Any, built: Any = None) -> float:
+        """Return the mean current along their mean direction (m/s), that of the flow if built."""
         way = (math.cos(self.direction), math.sin(self.direction))
+        if self.state is None and built is not None:
+            way = built.mean_heading
         return math.fsum(a * b for a, b in zip(self.current(scenario), way, strict=False))
 
     def current(self, scenario: Any) -> tuple[float, ...]:
@@ -99,25 +104,43 @@ class RegularWaveFlow(SurfaceWaves):
 
 
 class WavesFlow(SurfaceWaves):
-    """Surface waves: linear, with a JONSWAP spectrum, on a still surface at z = 0.
+    """Surface waves: linear, on a still surface at z = 0.
 
-    Drawn from `seed`. Without `water.depth` the water is deep. The mean of the uniform flows
-    carries them.
+    Of a JONSWAP spectrum (`significant_height` and `peak_period`), of a spectrum in a file, or with
+    the elevation at a gauge as in a file. Phases and directions are drawn from `seed`. Without
+    `water.depth` the water is deep. The mean of the uniform flows carries them.
     """
 
     drawn: ClassVar[bool] = True
     kind: Literal["waves"] = entry("waves", "Surface waves.")
     keys: ClassVar[tuple[str, str]] = ("significant_height", "peak_period")
-    significant_height: Metres = Field(
-        gt=0, description="Significant height: four standard deviations."
+    significant_height: Metres | None = entry(
+        None, "Significant height of a JONSWAP spectrum: four standard deviations.", gt=0
     )
-    peak_period: Seconds = Field(
-        gt=0, description="Period of the highest waves at a fixed point, in any current."
+    peak_period: Seconds | None = entry(
+        None, "Period of its highest waves at a fixed point, in any current.", gt=0
     )
-    direction_deg: Degrees = entry(0.0, "Direction of travel: 0 toward +x, 90 toward +y.")
-    gamma: float = entry(3.3, "Peakedness of the spectrum; 1: Pierson-Moskowitz.", ge=1, le=10)
-    components: int = entry(64, "Number of waves in the sum.", ge=1, le=10_000)
-
+    elevation: ElevationFile | None = entry(
+        None, "Elevation at a gauge, in place of a JONSWAP spectrum."
+    )
+    spectrum: SpectrumFile | None = entry(
+        None, "Spectrum in a file, in place of a JONSWAP spectrum."
+    )
+    direction_deg: Degrees | None = entry(
+        None, "Mean direction of travel: 0, the default, toward +x, 90 toward +y."
+    )
+    gamma: float | None = entry(
+        None,
+        "Peakedness of a JONSWAP spectrum, 3.3 by default; 1: Pierson-Moskowitz.",
+        ge=1,
+        le=10,
+    )
+    components: int | None = entry(
+        None,
+        "Number of waves in the sum, 64 by default; of an elevation it follows from the file.",
+        ge=1,
+        le=10_000,
+    )
     spreading: float | None = entry(
         None,
         "Exponent s of the directional spreading cos^2s(angle / 2) about direction_deg; by default "
@@ -126,10 +149,33 @@ class WavesFlow(SurfaceWaves):
         le=1000,
     )
 
+    def _conflicts(self) -> Iterator[Mistake]:
+        files = [key for key in ("elevation", "spectrum") if getattr(self, key) is not None]
+        if not files:
+            hint = "Or name a file: elevation = {file = ...}, or spectrum = {file = ...}."
+            for key, must in zip(self.keys, ("above 0 (m)", "above 0 (s)"), strict=True):
+                if getattr(self, key) is None:
+                    yield self.mistake(key, f"be a number {must}", hint)
+            return
+        others = [*self.keys, "gamma", *files[1:]] + ["components"] * (files[0] == "elevation")
+        for key in others:
+            if getattr(self, key) is not None:
+                yield self.mistake(key, f"be left out with {files[0]}, whose file has it")
+
     @property
-    def state(self) -> SeaState:
+    def state(self) -> SeaState | None:
+        if self.significant_height is None or self.peak_period is None:
+            return None
         return SeaState(self.significant_height / 4, self.peak_period, regular=False)
 
-    def build(self, scenario: Any, generator: Any) -> Any:
-        keys = ("significant_height", "peak_period", "gamma", "components", "spreading")
-        return self._made("Waves.jonswap", *keys, generator=generator, **self.common(scenario))
+    def build(self, scenario: Any, generator: Any, sea: Any = None) -> Any:
+        """Return the waves; ``sea`` is what was read from the file."""
+        others = self.common(scenario) | {"spreading": self.spreading, "generator": generator}
+        if self.elevation is not None:
+            others |= {"origin": self.elevation.position, **sea.given}
+            return self._made("Waves.at_gauge", **others)
+        others["components"] = self.components or 64
+        if self.spectrum is not None:
+            return self._made("Waves.drawn", **(others | sea.given))
+        size = {key: getattr(self, key) for key in self.keys}
+        return self._made("Waves.jonswap", gamma=self.gamma or 3.3, **size, **others)

@@ -165,7 +165,6 @@ def _check_options(options: Mapping[str, Any] | None) -> dict[str, Mapping[str, 
 
 
 def _check_ranges(where: str, ranges: Any) -> dict[str, tuple[float, float]]:
-    """Return ranges by key, as numbers."""
     if not isinstance(ranges or {}, Mapping):
         raise refusal(where, got(ranges, "be a dictionary of dotted keys and ranges"))
     found = {}

@@ -1,0 +1,26 @@
+"""Surface waves in files: what is known of them, ready for a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from crinoid.numerics.sea_statistics import SeaStatistics
+from crinoid.recording.series import Series
+
+
+@dataclass(frozen=True)
+class Sea:
+    """Surface waves from a file."""
+
+    name: str
+    """Name of the file."""
+    statistics: SeaStatistics
+    """Statistics of the file."""
+    given: Mapping[str, Any]
+    """Arguments of `crinoid.flow.Waves.at_gauge` or `crinoid.flow.Waves.drawn`, in SI units."""
+    record: Series | None
+    """Elevation about its mean that the components have (m), over the time of the run."""
+    notes: tuple[str, ...]
+    """Assumptions, statistics and omitted parts, a sentence each."""
