@@ -22,7 +22,7 @@ def pair(friction=FRICTION):
 
 @eqx.filter_jit
 def _forces(contact, motions):
-    return jax.vmap(contact.forces)(motions)
+    return jax.vmap(lambda window: -contact.residual(window))(motions)
 
 
 def forces(contact, position, velocity):
