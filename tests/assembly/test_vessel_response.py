@@ -182,6 +182,28 @@ def test_in_the_plane_it_moves_as_in_space(rao, bow):
     assert np.abs(found[2]).min() > 1e-3
 
 
+WAKE = {"kind": "ship-wake", "speed": 4.0, "distance": 12.0, "direction_deg": 30.0, "time": 4.0}
+WAKE |= {"length": 10.0, "beam": 2.0, "draught": 0.8, "ramp_time": 3.0}
+
+
+def test_a_buoy_follows_the_surface_also_in_the_wake_of_a_ship(tmp_path):
+    rows = [f"{omega},{heading},1,0" for omega in (0.01, 40.0) for heading in range(0, 360, 45)]
+    path = tmp_path / "buoy.csv"
+    names = "frequency (rad/s),heading (deg),heave (m/m),heave phase (deg)"
+    path.write_text("\n".join([names, *rows]) + "\n")
+    still = dict.fromkeys(("surge", "sway", "roll", "pitch", "yaw"), "0")
+    motion = {"columns": still, "offset": OFFSET}
+    base, flows = base_of(riding(str(path), flow=[*SEA, WAKE], motion=motion))
+    place = jnp.array([-9.0, 2.0, 0.0])
+    waves = [flow for flow in flows if hasattr(flow, "elevation")]
+    pose = jax.jit(lambda time: base.pose(time, base.servo.at_rest())[0])
+    surface = jax.jit(lambda time: [flow.elevation(place, time) for flow in waves])
+    for time in (1.0, 9.0, 18.0):  # before the ship passes, and in its wake
+        found = np.array(surface(time))
+        assert np.asarray(pose(time)) == pytest.approx([0, 0, found.sum(), 0, 0, 0], abs=1e-10)
+        assert (abs(found[-1]) > 1e-4) == (time > 4.0)
+
+
 def test_velocity_and_acceleration_are_its_derivatives(rao):
     base, _ = base_of(riding(rao, 3, SEA, {"offset": OFFSET}, **ANGLES))
     pose, step = jax.jit(lambda time: base.pose(time, base.servo.at_rest())), 1e-4

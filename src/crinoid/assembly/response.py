@@ -89,7 +89,7 @@ class ResponseParameters(eqx.Module):
                 channels = [x, y, shift[..., 2], up - roll * jnp.sin(angles[1]), -aside, roll]
             cosine, sine = flow.amplitudes[:, None] * jnp.stack(channels, axis=-1)
             turns = flow.turns(jnp.append(place, 0.0), jnp.zeros(()))
-            yield WaveMotion(..., flow.onset, flow.frequencies, 2 * jnp.pi * turns, cosine, sine)
+            yield WaveMotion(..., flow.onsets, flow.frequencies, 2 * jnp.pi * turns, cosine, sine)
 
     def _turns(self, response: Float[Array, "2 m 6"], pan: Array | float) -> tuple[Array, ...]:
         """Return the turns about the panned x and y, and about z (rad/m)."""

@@ -1,5 +1,6 @@
 """Base of the arm: its prescribed motion, and the boundary nodes that follow it and its servos."""
 
+import math
 from abc import abstractmethod
 from types import EllipsisType
 
@@ -84,8 +85,8 @@ class WaveMotion(BaseMotion):
     """
 
     channel: EllipsisType = eqx.field(static=True)
-    onset: Onset
-    """Onset of the waves."""
+    onsets: tuple[Onset, ...]
+    """Factors of time of the waves."""
     frequencies: Float[Array, " m"]
     """Angular frequencies (rad/s)."""
     phases: Float[Array, " m"]
@@ -98,7 +99,7 @@ class WaveMotion(BaseMotion):
     def displacement(self, time: Time) -> Float[Array, " channel"]:
         angle = self.phases - self.frequencies * time
         swing = product(jnp.cos(angle), self.cosine) - product(jnp.sin(angle), self.sine)
-        return self.onset(time) * swing
+        return math.prod((onset(time) for onset in self.onsets), start=swing)
 
 
 class Prescribed(eqx.Module):

@@ -85,6 +85,10 @@ class ShipWake(Waves):
         parts = {each.name: getattr(waves, each.name) for each in fields(waves)}
         return ShipWake(**parts, passing=Onset.of(time, abs(distance) / speed))
 
+    @property
+    def onsets(self) -> tuple[Onset, ...]:
+        return (self.onset, self.passing)
+
     def elevation(self, point: Point, time: Time) -> Float[Array, ""]:
         return self.passing(time) * super().elevation(point, time)
 

@@ -229,6 +229,11 @@ class Waves(Flow):
         energy, rate = np.square(self.amplitudes), np.asarray(self.frequencies)
         return float(2 * np.pi * np.sum(energy / rate) / np.sum(energy))
 
+    @property
+    def onsets(self) -> tuple[Onset, ...]:
+        """Factors of time of the elevation."""
+        return (self.onset,)
+
     def carried(self, current: Point, gravity: Float[Array, ""]) -> "Waves":
         """Return the waves on a mean current (m/s) under gravity (m/s2), with wave numbers."""
         along = product(self.headings, current[:-1])
