@@ -117,8 +117,7 @@ def drives(actuators: Sequence[Actuator], states: Sequence[Any]) -> Drives | Non
     return jnp.concatenate(found)
 
 
-_FAR = 1e6
-"""By how much limits are moved away, over themselves and 1."""
+_FAR = 1e6  # by how much limits are moved away, over themselves and 1
 
 Actuators = TypeVar("Actuators")
 

@@ -11,10 +11,8 @@ from crinoid.flow import Waves
 from crinoid.numerics.sea_statistics import SeaStatistics
 from crinoid.recording import Sea, at_gauge
 
-_BANDS = 24
-"""Bands of a spectrum, in which there are few of the components."""
-_FINE = 4
-"""Instants of the components between two of a record."""
+_BANDS = 24  # bands of a spectrum, in which there are few of the components
+_FINE = 4  # instants of the components between two of a record
 
 SOURCES = ("file", "components")
 Row = tuple[str, str, str, Any, str]

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 _Group = TypeVar("_Group", bound=eqx.Module)
 Numbers = dict[str, Any]
-Builder = Callable[..., Element]
-"""Builds an element from a rod and numbers by name."""
+Builder = Callable[..., Element]  # builds an element from a rod and numbers by name
 
 
 def array(value: object) -> Array:

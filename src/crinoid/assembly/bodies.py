@@ -18,8 +18,7 @@ from crinoid.rod import Rod
 from crinoid.scenario import Tool as ToolTable
 from crinoid.scenario import Vehicle as VehicleTable
 
-_ROUNDED = 1e-9
-"""Share of the arm's length that is round-off."""
+_ROUNDED = 1e-9  # share of the arm's length that is round-off
 
 
 def edges_within(span: tuple[float, float], nodes: int) -> Bool[Array, " edge"]:

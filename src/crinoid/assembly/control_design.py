@@ -25,10 +25,8 @@ from crinoid.scenario.controller import ModelBased
 
 PerInput = Float[np.ndarray, " u"]
 
-_MAX_SHAPES = 3
-"""Most shapes along the arm that the water's velocity is made of."""
-_RANK = 1e-2
-"""Movement of the tip, over the largest by the inputs, that counts as zero."""
+_MAX_SHAPES = 3  # most shapes along the arm that the water's velocity is made of
+_RANK = 1e-2  # movement of the tip, over the largest by the inputs, that counts as zero
 _RANGE_TIME, _SPEED_TIME = 0.6, 0.06
 """Times over the arm's first period in which inputs without such limits pass their range, and in
 which they reach their greatest speed."""
@@ -86,18 +84,13 @@ class ControlDesignModel(NamedTuple):
     model: LinearModel
     parts: AugmentedModel
     observer: Observer
-    half_range: PerInput
-    """Half the range of each driven input."""
-    speed: PerInput
-    """Its greatest speed (1/s)."""
-    acceleration: PerInput
-    """Its greatest acceleration (1/s2)."""
-    error_scale: float
-    """Error of the tip that counts as much as an input at its greatest speed (m)."""
+    half_range: PerInput  # half the range of each driven input
+    speed: PerInput  # its greatest speed (1/s)
+    acceleration: PerInput  # its greatest acceleration (1/s2)
+    error_scale: float  # error of the tip that counts as much as an input at its greatest speed (m)
     integrating: Float[np.ndarray, "controlled pose"]
     """Error of the controllable coordinates, in metres, by the error of the pose."""
-    mapping: Float[np.ndarray, "u pose"]
-    """Commands that move the tip at rest."""
+    mapping: Float[np.ndarray, "u pose"]  # commands that move the tip at rest
     spare: Float[np.ndarray, "u u"]
     """Part of commands, over half their ranges, that moves nothing of the tip at rest."""
 

@@ -39,8 +39,7 @@ from crinoid.scenario.sensor import Sampling
 if TYPE_CHECKING:
     from crinoid.recording import Series
 
-Numbers = float | Sequence[float]
-"""One for each value, or one for all."""
+Numbers = float | Sequence[float]  # one for each value, or one for all
 
 
 def build_sensors(scenario: Scenario) -> tuple[Sensor, ...]:
@@ -92,8 +91,7 @@ def build_sensor(
 
 
 _RAMP_TIME = 1.0
-_ALONG = 1e-6
-"""Sine of an angle below which two directions are one."""
+_ALONG = 1e-6  # sine of an angle below which two directions are one
 
 
 def build_target(
@@ -256,8 +254,7 @@ def _weights(scenario: Scenario) -> dict[str, float]:
     return {name: gains.weight for name, gains in scenario.control.gains.items()}
 
 
-_SLOW = 1e-6
-"""Frequency of a slow command (Hz)."""
+_SLOW = 1e-6  # frequency of a slow command (Hz)
 
 
 def lags(followers: Iterable[Actuator]) -> Float[np.ndarray, " input"]:

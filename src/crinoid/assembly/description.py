@@ -12,33 +12,23 @@ from crinoid.foundation.version import __version__
 from crinoid.scenario import ScenarioError, refusal
 from crinoid.scenario.scenario import AT_REST
 
-KEY = "control.neural.weights"
-"""Key of a scenario that names such a file."""
-POLICY = "policy.eqx"
-"""Name under which a training writes one."""
+KEY = "control.neural.weights"  # key of a scenario that names such a file
+POLICY = "policy.eqx"  # name under which a training writes one
 _FORMAT = "crinoid-policy"
 _VERSION = 1
-PHYSICAL = (*AT_REST, "sensor", "sensors")
-"""Tables of a scenario on which a policy was trained."""
-_LONGEST = 1_000_000
-"""Largest length of the first line (bytes)."""
+PHYSICAL = (*AT_REST, "sensor", "sensors")  # tables of a scenario on which a policy was trained
+_LONGEST = 1_000_000  # largest length of the first line (bytes)
 
 
 class Description(NamedTuple):
     """Purpose and origin of a policy; read without JAX."""
 
-    observations: list[list[str]]
-    """Name and unit of each number that it observes."""
-    actions: list[list[str]]
-    """Name and unit of each number that it commands."""
-    rate_hz: float
-    """Commands a second."""
-    averages: int
-    """Number of times over which observations are averaged."""
-    layers: list[int]
-    """Outputs of each layer."""
-    scenario: dict[str, Any]
-    """Physical tables of the scenario that it was trained on."""
+    observations: list[list[str]]  # name and unit of each number that it observes
+    actions: list[list[str]]  # name and unit of each number that it commands
+    rate_hz: float  # commands a second
+    averages: int  # number of times over which observations are averaged
+    layers: list[int]  # outputs of each layer
+    scenario: dict[str, Any]  # physical tables of the scenario that it was trained on
     draw: dict[str, list[float]]
     """Keys that each episode of its training drew, with the smallest and the largest value."""
 

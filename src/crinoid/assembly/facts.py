@@ -26,12 +26,9 @@ from crinoid.scenario.flow import Flow
 if TYPE_CHECKING:
     from crinoid.assembly.prepared import Prepared
 
-_AIR = (1.1, 1.4)
-"""Densities of air, from a hot day to a cold one (kg/m3)."""
-_NO_END = 0.54
-"""Mass ratio up to which lock-in has no end."""
-_RARE = 2.0
-"""Standard deviations that a random quantity seldom exceeds."""
+_AIR = (1.1, 1.4)  # densities of air, from a hot day to a cold one (kg/m3)
+_NO_END = 0.54  # mass ratio up to which lock-in has no end
+_RARE = 2.0  # standard deviations that a random quantity seldom exceeds
 
 
 class Facts:
@@ -43,8 +40,7 @@ class Facts:
         self.length = arm.length
         self.edge = arm.length / (arm.nodes - 1)
         given = arm.radius
-        self.radii = given if isinstance(given, tuple) else (given, given)
-        """At root and tip (m)."""
+        self.radii = given if isinstance(given, tuple) else (given, given)  # at root and tip (m)
         self.wet = water.density > 0 and not _AIR[0] <= water.density <= _AIR[1]
         """Whether the arm is in water rather than in air or nothing."""
 

@@ -31,32 +31,24 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import AssembledScenario
     from crinoid.recording import Recording
 
-_SLOW = 15.0
-"""Correlation time of unexplained velocity, over the arm's first period."""
+_SLOW = 15.0  # correlation time of unexplained velocity, over the arm's first period
 _LEAST = 0.05
 """Its standard deviation over the arm's length in a first period, at least: loads that are not
 known look like a current."""
-_SHARE = 0.1
-"""And at least this share of all the rest."""
-_WIDTH = 0.15
-"""Damping ratio of the oscillator that models waves: the width of their spectrum."""
-_NARROW = 0.01
-"""Damping ratio for a swell of one frequency."""
+_SHARE = 0.1  # and at least this share of all the rest
+_WIDTH = 0.15  # damping ratio of the oscillator that models waves: the width of their spectrum
+_NARROW = 0.01  # damping ratio for a swell of one frequency
 
 
 class Fluctuation(NamedTuple):
     """Velocity of the water that varies at random about its mean."""
 
-    deviation: Float[np.ndarray, " d"]
-    """Standard deviation along each axis (m/s)."""
-    time: float
-    """Correlation time (s), of an oscillation its period."""
-    damping: float | None = None
-    """Damping ratio of what oscillates; None: it does not."""
+    deviation: Float[np.ndarray, " d"]  # standard deviation along each axis (m/s)
+    time: float  # correlation time (s), of an oscillation its period
+    damping: float | None = None  # damping ratio of what oscillates; None: it does not
     slowness: Float[np.ndarray, " d"] | None = None
     """Delay over distance (s/m) of a record that drifts past; None: it does not."""
-    drift: Float[np.ndarray, " d"] | None = None
-    """Mean velocity (m/s) of eddies; None: it has none."""
+    drift: Float[np.ndarray, " d"] | None = None  # mean velocity (m/s) of eddies; None: it has none
     length: float | None = None
     """Longitudinal integral scale of its eddies (m); None: it is the same across the drift."""
 
@@ -242,16 +234,13 @@ def _measured(recording: Recording, slow: float) -> Fluctuation:
 Points = Float[np.ndarray, "station d"]
 Times = Float[np.ndarray, " look"]
 
-SHAPES = 3
-"""Shapes along the arm of water that is foreseen."""
-_LEAST_ACROSS = 0.3
-"""Share of the current that counts as across the arm at least."""
+SHAPES = 3  # shapes along the arm of water that is foreseen
+_LEAST_ACROSS = 0.3  # share of the current that counts as across the arm at least
 _SPACING = 0.04
 """Time between the readings from which those to come are foreseen, over the arm's first period."""
 _MEMORY = np.array([0.75, 4.0])
 """Over the arm's first period, for how long readings are kept at least and at most."""
-_LEAST_NOISE = 0.02
-"""Noise of readings over their standard deviation, at least."""
+_LEAST_NOISE = 0.02  # noise of readings over their standard deviation, at least
 
 
 def known_water(

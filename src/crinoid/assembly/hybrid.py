@@ -28,16 +28,13 @@ _TIP, _BASE, _PUSH = 0.1, 0.3, 0.3
 travel, and its acceleration by this share of its greatest (Bryson and Ho 1975, section 5.2)."""
 _NOISE = math.radians(0.3)
 """Least error of an inclination that the filter allows for (rad): what modes left out do."""
-_KNOWN = 0.5
-"""Highest frequency of the modelled modes, over half the controller's rate."""
-_STIRRED = 0.15
-"""Disturbance that it allows for, as an acceleration of the base, over its greatest."""
+_KNOWN = 0.5  # highest frequency of the modelled modes, over half the controller's rate
+_STIRRED = 0.15  # disturbance that it allows for, as an acceleration of the base, over its greatest
 _FILTER_PERIODS = 2.0
 """Time constant, in control periods, of the filter on rates during the swing-up."""
 _MOMENTUM = 0.8
 """Momentum at which the base goes most of its travel, over mass times speed of a free fall."""
-_ENERGY = 0.1
-"""Energy lacking up to which the base goes less far, over that of the hanging arm."""
+_ENERGY = 0.1  # energy lacking up to which the base goes less far, over that of the hanging arm
 _SHARES = (0.9, 1.5)
 """Shares of the base's limits that catching may take, and beyond which the arm is let go."""
 
@@ -51,14 +48,11 @@ class _UprightModes(NamedTuple):
     ``y'' + damping y' + squared y = -driven a``, where the base accelerates by ``a``.
     """
 
-    shape: Float[np.ndarray, "node mode"]
-    """Forward displacement of the nodes, from the root on (m)."""
-    squared: Vector
-    """Squares of their circular frequencies, negative where the arm leaves (1/s2)."""
+    shape: Float[np.ndarray, "node mode"]  # forward displacement of the nodes, from the root on (m)
+    squared: Vector  # squares of their circular frequencies, negative where the arm leaves (1/s2)
     damping: Matrix
     driven: Vector
-    mass: Float[np.ndarray, " edge"]
-    """Mass of the nodes after the root, with added mass (kg)."""
+    mass: Float[np.ndarray, " edge"]  # mass of the nodes after the root, with added mass (kg)
 
     @property
     def motion(self) -> Matrix:

@@ -33,17 +33,13 @@ from crinoid.numerics.signals_and_systems import balanced_by_reach
 Matrix = Float[np.ndarray, "_ _"]
 Velocity = Float[np.ndarray, " d"]
 
-SHARE = 1e-5
-"""Least Hankel singular value of a state that is kept, over the largest."""
+SHARE = 1e-5  # least Hankel singular value of a state that is kept, over the largest
 _MOST = 40
 _DISCOUNT = 0.9999
 """Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
-_USUAL = 0.1
-"""Usual movement of an input over its range."""
-_CALM = 0.25
-"""Share of the time in which the water is slower than in the linearisation."""
-_SETTLED = 100
-"""Steps over which the response to inputs is summed."""
+_USUAL = 0.1  # usual movement of an input over its range
+_CALM = 0.25  # share of the time in which the water is slower than in the linearisation
+_SETTLED = 100  # steps over which the response to inputs is summed
 
 
 class LinearModel(NamedTuple):
@@ -55,31 +51,20 @@ class LinearModel(NamedTuple):
     stirred: Float[np.ndarray, "x w"]
     hastened: Float[np.ndarray, "x w"]
     actuators: Float[np.ndarray, "s s"]
-    commanded: Float[np.ndarray, "s u"]
-    """By the inputs that are driven."""
-    observed: Float[np.ndarray, "y x"]
-    """Values of the sensors by the arm: the tip's pose first."""
+    commanded: Float[np.ndarray, "s u"]  # by the inputs that are driven
+    observed: Float[np.ndarray, "y x"]  # values of the sensors by the arm: the tip's pose first
     observed_actuators: Float[np.ndarray, "y s"]
     observed_water: Float[np.ndarray, "y w"]
-    nodes: Float[np.ndarray, "coordinate x"]
-    """Positions of the nodes by the arm."""
+    nodes: Float[np.ndarray, "coordinate x"]  # positions of the nodes by the arm
     nodes_actuators: Float[np.ndarray, "coordinate s"]
-    values: Float[np.ndarray, " y"]
-    """Values of the sensors at the state that it is linear about."""
-    at_rest: Float[np.ndarray, " s"]
-    """States of the actuators there."""
-    kept: tuple[int, ...]
-    """Which of the numbers in the states of all actuators these are."""
-    rows: tuple[int, ...]
-    """Which inputs are driven."""
-    usual: Float[np.ndarray, " u"]
-    """By how much the driven inputs are usually moved."""
-    current: Float[np.ndarray, " d"]
-    """Steady current that it is linear about (m/s)."""
-    steeper: float
-    """Slope of the drag on average over that in this current."""
-    hankel: Float[np.ndarray, " h"]
-    """Hankel singular values, of which the largest were kept."""
+    values: Float[np.ndarray, " y"]  # values of the sensors at the state that it is linear about
+    at_rest: Float[np.ndarray, " s"]  # states of the actuators there
+    kept: tuple[int, ...]  # which of the numbers in the states of all actuators these are
+    rows: tuple[int, ...]  # which inputs are driven
+    usual: Float[np.ndarray, " u"]  # by how much the driven inputs are usually moved
+    current: Float[np.ndarray, " d"]  # steady current that it is linear about (m/s)
+    steeper: float  # slope of the drag on average over that in this current
+    hankel: Float[np.ndarray, " h"]  # Hankel singular values, of which the largest were kept
 
 
 class _NodePositions(Measurand):

@@ -159,8 +159,7 @@ def _blank(description: Description) -> Policy:
     )
 
 
-_SAME = 1e-6
-"""Relative difference of two rates that counts as zero."""
+_SAME = 1e-6  # relative difference of two rates that counts as zero
 
 
 def build_neural(plan: AssembledScenario) -> Neural:

@@ -18,20 +18,17 @@ from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
 from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 
-_TICKS = 60
-"""Number of commands over which the pattern of arrivals is sampled."""
+_TICKS = 60  # number of commands over which the pattern of arrivals is sampled
 _MODEL_ERROR = 2e-2
 """Error of the model in the effect of the inputs over a period, relative to the usual effect."""
-_LEAST_NOISE = 1e-3
-"""Least noise of readings, over their usual variation."""
+_LEAST_NOISE = 1e-3  # least noise of readings, over their usual variation
 _ELSEWHERE = 1.5
 """Noise of the water's velocity at a meter, over its deviation. Water at the arm differs, and drag
 is not linear in it. The difference lasts while an eddy passes, so white noise must exceed it."""
 _LOCAL = 0.03
 """Noise of curvatures or inclinations along the arm, over the largest that is usual: eddies shorter
 than the shapes of the model's water bend it, too."""
-_BENT = 0.05
-"""Least displacement of the tip of an arm at work, over its length."""
+_BENT = 0.05  # least displacement of the tip of an arm at work, over its length
 _OFFSET_TIME = 0.75
 """Correlation time of the tip's offset from the linear model, over the arm's first period."""
 
@@ -40,11 +37,9 @@ class WaterProcess(NamedTuple):
     """Fluctuating water: ``d' = move d + v``, its velocity by shape and axis ``velocity d``."""
 
     move: Float[np.ndarray, "d d"]
-    noise: Float[np.ndarray, "d d"]
-    """Covariance of ``v``."""
+    noise: Float[np.ndarray, "d d"]  # covariance of ``v``
     velocity: Float[np.ndarray, "w d"]
-    sped: Float[np.ndarray, "w d"]
-    """The part of it by which particles of the water accelerate."""
+    sped: Float[np.ndarray, "w d"]  # the part of it by which particles of the water accelerate
 
     @staticmethod
     def of(fluctuations: Sequence[Fluctuation], shapes: int, period: float) -> WaterProcess:
@@ -72,10 +67,8 @@ class WaterProcess(NamedTuple):
 class ReadingSchedule(NamedTuple):
     """Arrival of readings at a controller."""
 
-    fresh: Bool[np.ndarray, "tick sensor"]
-    """Whether there is a new one when a command is given."""
-    age: tuple[int, ...]
-    """How old they are then, in control periods."""
+    fresh: Bool[np.ndarray, "tick sensor"]  # whether there is a new one when a command is given
+    age: tuple[int, ...]  # how old they are then, in control periods
 
     @staticmethod
     def of(sensors: Sequence[Sensor], period: float, time_step: float) -> ReadingSchedule:
@@ -112,10 +105,8 @@ class AugmentedModel(NamedTuple):
     outputs: OutputMatrices
     """How tip, shape and current follow the states that are no readings under way, which come
     first."""
-    usual: Float[np.ndarray, " y"]
-    """By how much the readings vary."""
-    arm: int
-    """Number of states of the arm, which come first."""
+    usual: Float[np.ndarray, " y"]  # by how much the readings vary
+    arm: int  # number of states of the arm, which come first
 
     @property
     def estimated(self) -> int:

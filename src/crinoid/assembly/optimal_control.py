@@ -19,10 +19,8 @@ from crinoid.scenario import refusal
 
 Matrix = Float[np.ndarray, "_ _"]
 
-EFFORT = 0.02
-"""Cost of an input at the end of its range over that of one at its greatest speed."""
-SPARE = 1.0
-"""The same for joint commands of inputs that do not move the tip at rest."""
+EFFORT = 0.02  # cost of an input at the end of its range over that of one at its greatest speed
+SPARE = 1.0  # the same for joint commands of inputs that do not move the tip at rest
 
 
 def straight(looks: Int[np.ndarray, " look"], ticks: int) -> Float[np.ndarray, "look tick"]:
@@ -36,12 +34,9 @@ class Regulator(NamedTuple):
 
     A: Matrix
     B: Matrix
-    cost: Matrix
-    """Cost of a state ``z``."""
-    rate: Matrix
-    """Cost of changes ``du`` of the commands in a period."""
-    steady: Matrix
-    """State at rest by the commands that keep it there."""
+    cost: Matrix  # cost of a state ``z``
+    rate: Matrix  # cost of changes ``du`` of the commands in a period
+    steady: Matrix  # state at rest by the commands that keep it there
     shift: Matrix
     """Change of a state in a period by the commands at which the tip would stand still where it is
     wanted: the integrals count from there."""
@@ -105,10 +100,8 @@ class Regulator(NamedTuple):
 
 _GENTLER = 2.0 ** np.arange(0, 4.1, 0.25)
 """Smoothness of each gain over the first: weight of speeds against errors."""
-_PREVIEW = 1.5
-"""Preview of the target, over the arm's first period."""
-_LOOKS_LQG = 24
-"""Number of times of the preview."""
+_PREVIEW = 1.5  # preview of the target, over the arm's first period
+_LOOKS_LQG = 24  # number of times of the preview
 
 
 def build_lqg(plan: AssembledScenario) -> Lqg:
@@ -157,12 +150,9 @@ def _gains(
 
 Lengths = Float[np.ndarray, " move"]
 
-_SINGLE = 4
-"""Moves of one period at the start of the horizon."""
-_LONGEST = 8
-"""Share of the horizon of the longest move."""
-_LOOKS_MPC = 12
-"""Number of times at which water is predicted."""
+_SINGLE = 4  # moves of one period at the start of the horizon
+_LONGEST = 8  # share of the horizon of the longest move
+_LOOKS_MPC = 12  # number of times at which water is predicted
 
 
 def design_mpc(plan: AssembledScenario) -> tuple[Mpc, ControlDesignModel]:

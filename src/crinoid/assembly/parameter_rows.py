@@ -8,8 +8,7 @@ import numpy as np
 from crinoid.scenario.kinds import units_of
 from crinoid.scenario.scenario import scenario_schema
 
-_FEW = 3
-"""Numbers of an array that are shown."""
+_FEW = 3  # numbers of an array that are shown
 
 
 def parameter_rows(parameters: Any) -> dict[str, list[str]]:

@@ -37,8 +37,7 @@ class Parts:
     flows: tuple[Flow, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     actuators: tuple[ActuatorParameters, ...] = ()
-    motions: tuple[BaseMotion, ...] = ()
-    """Of the base."""
+    motions: tuple[BaseMotion, ...] = ()  # of the base
 
     def added(self, system: System) -> System:
         """Return a system with the motions, and the elements and flows if they pass the door."""

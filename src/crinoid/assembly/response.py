@@ -19,8 +19,7 @@ from crinoid.scenario.base_motion import ResponseMotion, too_steep
 if TYPE_CHECKING:
     from crinoid.recording import VesselResponse
 
-_NONE = 1e-9
-"""Turn per amplitude of the waves that counts as none (rad/m)."""
+_NONE = 1e-9  # turn per amplitude of the waves that counts as none (rad/m)
 
 
 class ResponseParameters(eqx.Module):

@@ -21,26 +21,19 @@ from crinoid.scenario import refusal
 
 Turn = Float[np.ndarray, " angle"]
 
-_SPACING = 0.35
-"""Turn from one model to the next along the way of the target (rad)."""
-_NEW = 0.8
-"""Share of it beyond which a pose needs a model."""
-_MOST = 12
-"""Most models."""
-_LOOKS = 200
-"""Number of times at which the path of the target is sampled."""
+_SPACING = 0.35  # turn from one model to the next along the way of the target (rad)
+_NEW = 0.8  # share of it beyond which a pose needs a model
+_MOST = 12  # most models
+_LOOKS = 200  # number of times at which the path of the target is sampled
 
 
 class _LocalController(NamedTuple):
     """A controller on the model of one pose of the base."""
 
-    turn: Turn
-    """Rotation of the base from its start, by the channels that turn (rad)."""
+    turn: Turn  # rotation of the base from its start, by the channels that turn (rad)
     controller: Mpc
-    turned: RigidRotationCorrection
-    """Part of the turn that its model lacks away from there."""
-    standing: Float[np.ndarray, "z s"]
-    """Estimate at rest, by the actuators."""
+    turned: RigidRotationCorrection  # part of the turn that its model lacks away from there
+    standing: Float[np.ndarray, "z s"]  # estimate at rest, by the actuators
 
 
 def build_scheduled(plan: AssembledScenario) -> ScheduledMpc:

@@ -9,8 +9,7 @@ from crinoid.control import Sequence
 from crinoid.scenario import Mistake, ScenarioError, got, one_of
 from crinoid.scenario.sensor import ContactSensor
 
-_ROUND_OFF = 1e-9
-"""Excess over a limit from turning degrees into radians (degrees)."""
+_ROUND_OFF = 1e-9  # excess over a limit from turning degrees into radians (degrees)
 
 
 def build_sequence(plan: AssembledScenario) -> Sequence:

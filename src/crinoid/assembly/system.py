@@ -22,8 +22,7 @@ from crinoid.flow import Flow, Water, on_currents
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.kinds import is_own
 
-OWN = 6
-"""Number of elements of the arm and its water, which come before the loads."""
+OWN = 6  # number of elements of the arm and its water, which come before the loads
 
 
 def place_of(index: int, loads: int) -> str:

@@ -20,10 +20,8 @@ from crinoid.elements import Bend, Element, Threads
 from crinoid.rod import Rod
 from crinoid.scenario import Chamber, Scenario, Tendon
 
-UNLIMITED = 1e30
-"""Rate that no step reaches, in any unit."""
-_NONE = -1
-"""Thread of an unused slot."""
+UNLIMITED = 1e30  # rate that no step reaches, in any unit
+_NONE = -1  # thread of an unused slot
 
 
 class ThreadParameters(ActuatorParameters):

@@ -21,8 +21,7 @@ from crinoid.foundation.fixed_numbers import (
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import product
 
-_ANGLES = 721
-"""Directions of a turn, both ends included."""
+_ANGLES = 721  # directions of a turn, both ends included
 _GOLDEN = (5**0.5 - 1) / 2
 
 

@@ -7,14 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-FilePath = str | os.PathLike[str]
-"""Type of a path to a file or a folder."""
+FilePath = str | os.PathLike[str]  # type of a path to a file or a folder
 
-_UNFINISHED = ".unfinished"
-"""Suffix of temporary files."""
+_UNFINISHED = ".unfinished"  # suffix of temporary files
 
-_PROBE = 1 << 24
-"""Bytes of a probe that fails on a full disk."""
+_PROBE = 1 << 24  # bytes of a probe that fails on a full disk
 
 
 @contextmanager

@@ -4,8 +4,7 @@ from abc import abstractmethod
 from collections.abc import Iterable
 from html import escape
 
-_WIDTH = 100
-"""Characters of a line of text."""
+_WIDTH = 100  # characters of a line of text
 
 
 class Represented:

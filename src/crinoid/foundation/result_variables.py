@@ -7,11 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from math import prod
 from typing import Any, NamedTuple
 
-Of = Callable[[Any], Any]
-"""From `crinoid.results.dataset.Instants` to values."""
+Of = Callable[[Any], Any]  # from `crinoid.results.dataset.Instants` to values
 
-LARGE = frozenset({"node", "edge"})
-"""Dimensions that make a variable over time large."""
+LARGE = frozenset({"node", "edge"})  # dimensions that make a variable over time large
 
 
 class Content(NamedTuple):
@@ -28,16 +26,13 @@ class Variable(NamedTuple):
     dims: tuple[str, ...]
     unit: str
     """Unit in CF notation; empty if a coordinate has that of each channel, reading or input."""
-    meaning: str
-    """Its ``long_name``."""
+    meaning: str  # its ``long_name``
     of: Of | None = None
     """Its computation; None if in ``diagnostics.dimensionless`` or ``results.signals``."""
     where: str = ""
     """Words of what a result must have for it, such as "vehicle plane"; empty for all."""
-    more: str = ""
-    """Addition to the meaning in the documentation."""
-    extra: Mapping[str, str] = {}
-    """Attributes besides unit and meaning."""
+    more: str = ""  # addition to the meaning in the documentation
+    extra: Mapping[str, str] = {}  # attributes besides unit and meaning
 
     @property
     def large(self) -> bool:

@@ -18,14 +18,11 @@ from crinoid.recording.units import length_factor, time_factor
 from crinoid.scenario.errors import counted, got, missing, refusal, shown
 from crinoid.scenario.quantity import INTERVALS
 
-_FARTHEST = 1e5
-"""Greatest distance of a level from the surface (m)."""
-_THINNEST = 1e-6
-"""Least distance between two levels (m)."""
+_FARTHEST = 1e5  # greatest distance of a level from the surface (m)
+_THINNEST = 1e-6  # least distance between two levels (m)
 _DEPTH = re.compile(r"dep(h|th|tht|thu|thv|thw)?([^a-z].*)?|.*depth.*", re.I)
 """Names of a variable that counts downward from the surface."""
-_ABOVE_BED = re.compile(r"height|hab|mab|above|range", re.I)
-"""Names of a height above the bed."""
+_ABOVE_BED = re.compile(r"height|hab|mab|above|range", re.I)  # names of a height above the bed
 _FROM_SURFACE = re.compile(
     r"altitude|elevation|height_above_(mean_sea_level|geoid|geopotential_datum)", re.I
 )
@@ -39,8 +36,7 @@ _DATES["ns"] = ((1e17, np.inf),)
 seconds since 1970."""
 _CALENDAR = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])([0-2]\d|3[01])(\d{4}){0,2}")
 """Digits of a year, a month and a day, perhaps of hour and minute too, such as 20240301."""
-_COARSE = 0.1
-"""Largest rounding error of times, over their usual step."""
+_COARSE = 0.1  # largest rounding error of times, over their usual step
 
 
 def find(dataset: xr.Dataset, name: str, key: str, file: str) -> str:

@@ -12,8 +12,7 @@ from crinoid.recording.texts import short
 from crinoid.scenario.errors import refusal
 
 _SUFFIXES = (".ad2cp", ".vec", ".wpr", ".000", ".pd0", ".enx", ".enr", ".ens")
-_PD0 = b"\x7f\x7f"
-"""First bytes of a file of RD Instruments."""
+_PD0 = b"\x7f\x7f"  # first bytes of a file of RD Instruments
 
 
 def reads(file: str, head: bytes) -> bool:

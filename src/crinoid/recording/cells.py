@@ -13,8 +13,7 @@ _CELL = re.compile(r"(DEP|DIR|SPD)(\d+)|(.+?)\s*#\s*(\d+)")
 """Columns of the cells of NDBC, and of Nortek with the distance of the cell as their unit."""
 _DISTANCE = re.compile(r"([\d.,]+)\s*m")
 _BUOY = {"DEP": "depth", "DIR": "direction", "SPD": "speed"}
-_NO_VALUE = 999.0
-"""Mark of a missing value in files of past years of NDBC."""
+_NO_VALUE = 999.0  # mark of a missing value in files of past years of NDBC
 _PARTS = {
     "year": "YYY?Y?|year",
     "month": "MM|month",

@@ -28,10 +28,8 @@ _WITHOUT = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "builtin_inter
 _PLACE = re.compile(r"(.*?)(position|translation|point)\.x")
 _OWN = {*POSE[2], *POSE[3], "time", "marker"}
 """Columns that are no commands, though a joint may have such a name."""
-_ALIKE = 10**4
-"""Difference of times (ns) that counts as none: records have larger steps."""
-_DATED = 10**17
-"""Times (ns) above this one count from 1970, not from the start of a run."""
+_ALIKE = 10**4  # difference of times (ns) that counts as none: records have larger steps
+_DATED = 10**17  # times (ns) above this one count from 1970, not from the start of a run
 
 
 def is_bag(path: Path) -> bool:

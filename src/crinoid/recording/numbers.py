@@ -13,47 +13,34 @@ import xarray as xr
 from crinoid.recording.texts import reason_of, short
 from crinoid.scenario.errors import refusal, shown
 
-MAX_VALUES = 20_000_000
-"""Most values of a record; more, splines included, need gigabytes."""
+MAX_VALUES = 20_000_000  # most values of a record; more, splines included, need gigabytes
 MARKED = "Mark missing values by an empty cell, or in a netCDF file by a _FillValue."
-_MAX_CHUNK = 2**30
-"""Largest chunk of a variable that must be read as a whole (bytes)."""
+_MAX_CHUNK = 2**30  # largest chunk of a variable that must be read as a whole (bytes)
 _SIZES = [
     *(9.99, 9.999, 99.9, 99.99, 999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9),
     *(999999, 32.767, 32.768, 3276.7, 3276.8, 32767, 32768),
 ]
 _MARKS = np.sort([-99, *_SIZES, *np.negative(_SIZES)])
 """Usual marks of missing values: nines, and the ends of a 16-bit counter, perhaps scaled."""
-_APART = 0.1
-"""Least distance of a mark from the other numbers, over its size."""
-_CLOSE = 1e-6
-"""Relative error of numbers in single precision, scaled."""
-FLAG = re.compile(r"(.*_)?(qc|qc_agg|flags?|quality)", re.IGNORECASE)
-"""Names of quality flags."""
+_APART = 0.1  # least distance of a mark from the other numbers, over its size
+_CLOSE = 1e-6  # relative error of numbers in single precision, scaled
+FLAG = re.compile(r"(.*_)?(qc|qc_agg|flags?|quality)", re.IGNORECASE)  # names of quality flags
 _SHARED = re.compile(r"((vel\w*|currents?|quality|data)_)?(qc|flags?|quality)", re.IGNORECASE)
 """Names of quality flags of all components."""
-_BAD_FLAGS = (4, 9)
-"""Bad and missing, in QARTOD and OceanSITES."""
+_BAD_FLAGS = (4, 9)  # bad and missing, in QARTOD and OceanSITES
 _BAD_WORDS = re.compile("bad|fail|missing|wrong|erroneous", re.IGNORECASE)
-_NO_FLAG = -(2**62)
-"""Flag of an entry without one: no value, and none of the bits of a mask."""
+_NO_FLAG = -(2**62)  # flag of an entry without one: no value, and none of the bits of a mask
 
 
 class Column(NamedTuple):
     """A variable of a file in a role."""
 
-    key: str
-    """Key in the scenario that names it."""
-    name: str
-    """Its name in the file."""
-    factor_of: Callable[[str], float | None]
-    """Factor from a unit to SI."""
-    unit: str
-    """Unit if the file names none."""
-    most: float
-    """Largest size of a value (SI); a larger one marks a missing value."""
-    wraps: bool = False
-    """Whether it is an angle, from which an instrument may omit whole turns."""
+    key: str  # key in the scenario that names it
+    name: str  # its name in the file
+    factor_of: Callable[[str], float | None]  # factor from a unit to SI
+    unit: str  # unit if the file names none
+    most: float  # largest size of a value (SI); a larger one marks a missing value
+    wraps: bool = False  # whether it is an angle, from which an instrument may omit whole turns
     noun: str = "numbers"
     """Word for its values, whose size is reported in ``unit`` if it is another one."""
 

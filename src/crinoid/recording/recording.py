@@ -19,8 +19,7 @@ from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.base_motion import InFile, ResponseMotion
 from crinoid.scenario.flow import MeasuredFlow
 
-_STRETCH = 1.1
-"""Factor on the length of an arm; no current stretches one so far."""
+_STRETCH = 1.1  # factor on the length of an arm; no current stretches one so far
 
 
 def base_travel(scenario: Scenario, series: Mapping[str, Series | VesselResponse]) -> float:
@@ -46,22 +45,18 @@ def base_travel(scenario: Scenario, series: Mapping[str, Series | VesselResponse
     return float(np.hypot.reduce(ways)) + ridden
 
 
-_MEAN_OVER = 600.0
-"""Time (s) of the mean current that carries a record past the arm."""
+_MEAN_OVER = 600.0  # time (s) of the mean current that carries a record past the arm
 _FROZEN_BELOW = 0.5
 """Largest ratio of fluctuation to mean of a frozen pattern (Taylor's hypothesis)."""
-_EVEN = 0.1
-"""Largest deviation of an even interval, over the interval."""
+_EVEN = 0.1  # largest deviation of an even interval, over the interval
 
 
 @dataclass(frozen=True)
 class Recording:
     """A measured current, ready for a run."""
 
-    name: str
-    """Name of the file."""
-    time: Float[np.ndarray, " time"]
-    """Time of the record (s) from its first sample."""
+    name: str  # name of the file
+    time: Float[np.ndarray, " time"]  # time of the record (s) from its first sample
     levels: Float[np.ndarray, " level"] | None
     """Heights z (m), increasing, two or more; None for a record at one point."""
     velocity: Float[np.ndarray, "time level axis"]
@@ -70,16 +65,11 @@ class Recording:
     """Whether a value is missing in the file and interpolated."""
     slowness: Float[np.ndarray, " axis"]
     """Delay of the record in the time of the run, over distance (s/m)."""
-    carried: bool
-    """Whether the water carries it past the arm."""
-    start: float
-    """Time of the record (s) at the start of the run."""
-    time_scale: float
-    """Time of the run over time of the record."""
-    delay: float
-    """Longest delay, or lead, at the arm, in the time of the run (s)."""
-    notes: tuple[str, ...]
-    """Assumptions, filled gaps and omitted levels, a sentence each."""
+    carried: bool  # whether the water carries it past the arm
+    start: float  # time of the record (s) at the start of the run
+    time_scale: float  # time of the run over time of the record
+    delay: float  # longest delay, or lead, at the arm, in the time of the run (s)
+    notes: tuple[str, ...]  # assumptions, filled gaps and omitted levels, a sentence each
 
     @property
     def run_time(self) -> Float[np.ndarray, " time"]:

@@ -43,14 +43,12 @@ class VesselResponse:
     """
 
     file: str
-    frequency: Float[np.ndarray, " f"]
-    """Angular frequencies (rad/s), increasing."""
+    frequency: Float[np.ndarray, " f"]  # angular frequencies (rad/s), increasing
     heading: Float[np.ndarray, " h"]
     """Directions of travel from the bow toward port (rad), increasing from 0 to a turn."""
     values: Complex[np.ndarray, "f h 6"]
     """Surge, sway, heave (m/m), roll, pitch and yaw (rad/m), by the signs of a vessel's log."""
-    farthest: float
-    """Shift of the arm's root that the waves of the scenario hardly exceed (m)."""
+    farthest: float  # shift of the arm's root that the waves of the scenario hardly exceed (m)
     notes: tuple[str, ...]
 
     def at(

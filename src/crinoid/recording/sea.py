@@ -14,13 +14,10 @@ from crinoid.recording.series import Series
 class Sea:
     """Surface waves from a file."""
 
-    name: str
-    """Name of the file."""
-    statistics: SeaStatistics
-    """Statistics of the file."""
+    name: str  # name of the file
+    statistics: SeaStatistics  # statistics of the file
     given: Mapping[str, Any]
     """Arguments of `crinoid.flow.Waves.at_gauge` or `crinoid.flow.Waves.drawn`, in SI units."""
     record: Series | None
     """Elevation about its mean that the components have (m), over the time of the run."""
-    notes: tuple[str, ...]
-    """Assumptions, statistics and omitted parts, a sentence each."""
+    notes: tuple[str, ...]  # assumptions, statistics and omitted parts, a sentence each

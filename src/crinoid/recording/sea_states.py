@@ -17,8 +17,7 @@ _PERIODS = {
 }
 """Names of periods, peak periods first, and the peak period over each: of a JONSWAP spectrum with a
 peakedness of 3.3 over the mean one between zero crossings, and over the energy period."""
-_MARKS = (99.0, 999.0)
-"""Marks of missing values in files of NDBC."""
+_MARKS = (99.0, 999.0)  # marks of missing values in files of NDBC
 
 
 def read_sea_states(dataset: xr.Dataset, file: str, remarks: list[str]) -> xr.DataArray | None:

@@ -26,16 +26,12 @@ from crinoid.recording.units import angle_factor, velocity_factor
 from crinoid.scenario.errors import ScenarioError, got, refusal, shown
 from crinoid.scenario.flow import Component, MeasuredFlow
 
-_FASTEST = 50.0
-"""No current is so fast (m/s): such a number marks a missing value."""
-_FAST = 5.0
-"""Few currents are faster (m/s): without a unit it is another one."""
-_TURN = 2 * np.pi + 0.005
-"""Largest compass direction (rad)."""
+_FASTEST = 50.0  # no current is so fast (m/s): such a number marks a missing value
+_FAST = 5.0  # few currents are faster (m/s): without a unit it is another one
+_TURN = 2 * np.pi + 0.005  # largest compass direction (rad)
 _ROTATED = ("beam", "inst", "instrument", "xyz", "ship")
 """Frames of an instrument, in which the numbers are no components of the current."""
-_STEADY = 1e-3
-"""Largest change of levels in time that counts as none (m)."""
+_STEADY = 1e-3  # largest change of levels in time that counts as none (m)
 
 
 class _Source(NamedTuple):

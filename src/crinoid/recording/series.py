@@ -23,12 +23,9 @@ from crinoid.scenario import Scenario, Target, counted, refusal
 from crinoid.scenario.base_motion import FileMotion, ResponseMotion, VesselMotion, too_steep
 from crinoid.scenario.quantity import OPPOSITE
 
-_MOST = 0.5
-"""Smallest measured share of a level."""
-_LATE = 1.5
-"""Interval, over the usual one, above which samples are missing."""
-_SOME = 0.2
-"""Largest share of such intervals: more are no gaps, but points at uneven times."""
+_MOST = 0.5  # smallest measured share of a level
+_LATE = 1.5  # interval, over the usual one, above which samples are missing
+_SOME = 0.2  # largest share of such intervals: more are no gaps, but points at uneven times
 _SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
 """Greatest shift (m), depth (m), turn (rad) and length of a vector without a unit."""
 
@@ -43,16 +40,13 @@ def absent_rows(time: np.ndarray) -> tuple[float, np.ndarray]:
 class FilledRecord(NamedTuple):
     """A record without gaps."""
 
-    time: Float[np.ndarray, " time"]
-    """Time (s), with the instants that are missing in the file."""
+    time: Float[np.ndarray, " time"]  # time (s), with the instants that are missing in the file
     levels: Float[np.ndarray, " level"] | None
     """Heights z (m), in the order of the file; None for a record at one point."""
     velocity: Float[np.ndarray, "time level component"]
     """Velocity (m/s); zero for a component named ``0``."""
-    filled: Bool[np.ndarray, "time level"]
-    """Whether a component is missing."""
-    remarks: list[str]
-    """Assumptions, omitted levels and filled gaps, a sentence each."""
+    filled: Bool[np.ndarray, "time level"]  # whether a component is missing
+    remarks: list[str]  # assumptions, omitted levels and filled gaps, a sentence each
 
 
 def fill(
@@ -106,11 +100,9 @@ def fill(
 class Series:
     """Columns of numbers over time, in SI units."""
 
-    time: Float[np.ndarray, " time"]
-    """Time of the run (s), increasing."""
+    time: Float[np.ndarray, " time"]  # time of the run (s), increasing
     values: Float[np.ndarray, "time column"]
-    notes: tuple[str, ...]
-    """Assumptions and omitted rows, a sentence each."""
+    notes: tuple[str, ...]  # assumptions and omitted rows, a sentence each
 
     def during(
         self, duration: float

@@ -5,10 +5,8 @@ from jaxtyping import Float
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-_FIRST = 8
-"""Number of triangles that a point is compared with at first."""
-_AT_ONCE = 400_000
-"""Number of pairs of points and triangles that are compared at once."""
+_FIRST = 8  # number of triangles that a point is compared with at first
+_AT_ONCE = 400_000  # number of pairs of points and triangles that are compared at once
 _TIE = 1e-9
 """Difference of squared distances from triangles that share the nearest point, over the square."""
 

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-_CELLS = 40
-"""Cells along the longest side of a solid as it is drawn."""
+_CELLS = 40  # cells along the longest side of a solid as it is drawn
 
 Points = Float[np.ndarray, "_ axis=3"]
 Facets = Int[np.ndarray, "_ corner=3"]

@@ -16,10 +16,8 @@ class SplineOnGrid:
     """Cubic B-spline on a regular grid, as `crinoid.numerics.grid_spline.GridSpline` has it."""
 
     coefficients: Float[np.ndarray, ...]
-    origin: Float[np.ndarray, " axes"]
-    """Place of the first value (m)."""
-    spacing: Float[np.ndarray, " axes"]
-    """Distance of the values along each axis (m)."""
+    origin: Float[np.ndarray, " axes"]  # place of the first value (m)
+    spacing: Float[np.ndarray, " axes"]  # distance of the values along each axis (m)
 
     def at(self, places: Float[np.ndarray, "... axes"]) -> Float[np.ndarray, ...]:
         """Return the values at places (m); outside of the grid those at its ends."""
@@ -36,9 +34,7 @@ class SolidSurface:
     """Surface of a solid, relative to its position."""
 
     spline: SplineOnGrid
-    heights: bool
-    """Whether the spline is of heights, not of signed distances (m)."""
-    points: Points
-    """Corners of the triangles by which it is drawn (m)."""
+    heights: bool  # whether the spline is of heights, not of signed distances (m)
+    points: Points  # corners of the triangles by which it is drawn (m)
     facets: Facets
     notes: tuple[str, ...]

@@ -47,8 +47,7 @@ _PREAMBLES = {r"sep=.\s*\n": [0], r'"?TOA5\b': [0, 3], r'"?Plot Title': [0]}
 """Lines besides names and units, of a spreadsheet, of Campbell and of HOBO."""
 _OPENFAST = re.compile(r"\s*\(s\)\s+\(")
 """Line of units of OpenFAST, below the names that follow a text on the run."""
-_HEAD = 1 << 16
-"""Bytes from which the header and the layout are determined."""
+_HEAD = 1 << 16  # bytes from which the header and the layout are determined
 _FIELDS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 

@@ -2,10 +2,8 @@
 
 from pathlib import Path
 
-REMARKS = "remarks of crinoid"
-"""Attribute of a dataset: what its reader assumes, a line each."""
-MINUS = "\N{MINUS SIGN}"
-"""The sign that typesetters prefer to a hyphen."""
+REMARKS = "remarks of crinoid"  # attribute of a dataset: what its reader assumes, a line each
+MINUS = "\N{MINUS SIGN}"  # the sign that typesetters prefer to a hyphen
 _NAMED = 12
 
 

@@ -27,8 +27,7 @@ Dimension = Annotated[
     Quantity(expects="2 (a planar arm) or 3 (an arm that bends both ways and twists)"),
 ]
 
-_DAMPING_TIME = 0.02
-"""Viscosity over modulus of a material without branches (s)."""
+_DAMPING_TIME = 0.02  # viscosity over modulus of a material without branches (s)
 
 _Above0 = Annotated[float, Field(gt=0)]
 Radius = Annotated[

@@ -199,8 +199,7 @@ class VesselColumns(Model):
         }
 
 
-VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-"""Degrees of freedom of a vessel."""
+VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # degrees of freedom of a vessel
 
 
 class OnVessel(Model):

@@ -25,10 +25,8 @@ from crinoid.scenario.waves import SurfaceWaves
 if TYPE_CHECKING:
     from crinoid.scenario.scenario import Scenario
 
-_MAX_READINGS = 10_000
-"""Readings on their way at the same time: all move at each time step."""
-_MAX_CORRELATION_TIMES = 50_000
-"""Drawing a random current of that length needs 2 s and 64 MB."""
+_MAX_READINGS = 10_000  # readings on their way at the same time: all move at each time step
+_MAX_CORRELATION_TIMES = 50_000  # drawing a random current of that length needs 2 s and 64 MB
 
 _Flow = TypeVar("_Flow")
 

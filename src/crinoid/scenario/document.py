@@ -16,8 +16,7 @@ from crinoid.scenario.dataset_file import as_file
 from crinoid.scenario.errors import got, one_of, refusal, shown
 from crinoid.scenario.quantity import Quantity
 
-_KEYS = ("file", "weights")
-"""Keys that name a file."""
+_KEYS = ("file", "weights")  # keys that name a file
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.,=+-]+")
 """Characters of a name that a shell or a file system may treat in some other way."""
 _REMEDIES = (
@@ -31,8 +30,7 @@ _REMEDIES = (
     (r"\s*\[\w+\]", "Write [[ ]] around the name of each of several tables."),
 )
 """Lines that are not valid TOML, and how to mend them."""
-_LONGEST = 72
-"""Characters of a name of changes."""
+_LONGEST = 72  # characters of a name of changes
 
 # absolute, so that a scenario that is stored means the same file wherever it is read again
 FileName = Annotated[

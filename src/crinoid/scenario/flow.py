@@ -41,10 +41,8 @@ _COMPONENT = re.compile(r"(-?)\s*([^\[\]]*[^\[\]\s])\s*(?:\[([^\[\]]+)\])?")
 class Component(NamedTuple):
     """Place of a component of the velocity in a file."""
 
-    name: str
-    """Name or CF standard name of a variable."""
-    entry: str
-    """Label of an entry of its labelled dimension; empty for none."""
+    name: str  # name or CF standard name of a variable
+    entry: str  # label of an entry of its labelled dimension; empty for none
     sign: float
 
     @staticmethod

@@ -83,8 +83,7 @@ class ScenarioText:
             for setting in overrides:
                 override(document, setting)
         self._document = document
-        self.scenario = Scenario.from_dict(document)
-        """The scenario, with the overrides."""
+        self.scenario = Scenario.from_dict(document)  # the scenario, with the overrides
 
     def with_values(self, values: Mapping[str, Any], comment: str) -> str:
         """Return the text with the overrides and other values, by dotted key.

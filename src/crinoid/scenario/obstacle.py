@@ -25,8 +25,7 @@ from crinoid.scenario.quantity import (
     unit_vector,
 )
 
-ENDLESS = 1e3
-"""Half the length of a cylinder (m)."""
+ENDLESS = 1e3  # half the length of a cylinder (m)
 _STRAIGHT = 1e-9
 
 Direction = Annotated[Triple, Quantity(expects="[x, y, z]")]

@@ -13,21 +13,16 @@ from typing import Any, NamedTuple
 from crinoid.scenario.errors import gathered, got, refusal
 
 _KEY = "output.measures"
-_SEARCH = threading.Lock()
-"""Of the path, which threads share."""
+_SEARCH = threading.Lock()  # of the path, which threads share
 
 
 class OwnMeasure(NamedTuple):
     """Measure of a run from an installed package: a function of the dataset of its result."""
 
-    key: str
-    """Its place in the scenario."""
-    name: str
-    """Name of the function, which is that of the measure in tables and files."""
-    unit: str
-    """Its attribute ``units``; "1" without it."""
-    meaning: str
-    """Its attribute ``long_name``, or the first line of its docstring."""
+    key: str  # its place in the scenario
+    name: str  # name of the function, which is that of the measure in tables and files
+    unit: str  # its attribute ``units``; "1" without it
+    meaning: str  # its attribute ``long_name``, or the first line of its docstring
     function: Callable[[Any], Any]
 
     def of(self, data: Any) -> float | None:

@@ -247,10 +247,8 @@ Velocity = Annotated[Vector, Quantity("m/s")]
 Force = Annotated[Vector, Quantity("N")]
 
 
-INTERVALS = (1e-6, 1e9)
-"""Times between two points of a record, a motion or a path (s)."""
-LATEST = 1e9
-"""Largest time of a point (s); a later one has too few digits after the point."""
+INTERVALS = (1e-6, 1e9)  # times between two points of a record, a motion or a path (s)
+LATEST = 1e9  # largest time of a point (s); a later one has too few digits after the point
 OPPOSITE = -1 + 1e-9
 """Cosine of the angle between directions that are opposite: neither way is the shorter one."""
 

@@ -9,21 +9,16 @@ from crinoid.scenario.model import Model, properties_of
 from crinoid.scenario.quantity import unit_of
 from crinoid.scenario.scenario import Scenario
 
-_MOST = 3
-"""Entries of a list whose numbers have keys: components of a vector, but not a path."""
+_MOST = 3  # entries of a list whose numbers have keys: components of a vector, but not a path
 
 
 class RealNumber(NamedTuple):
     """A real number of a scenario."""
 
-    key: str
-    """Dotted key with indexes, as in ``--set``."""
-    value: float
-    """Value, in the unit."""
-    unit: str
-    """Unit, as in the schema of a scenario; empty without one."""
-    meaning: str
-    """Description of its key."""
+    key: str  # dotted key with indexes, as in ``--set``
+    value: float  # value, in the unit
+    unit: str  # unit, as in the schema of a scenario; empty without one
+    meaning: str  # description of its key
 
 
 def real_numbers(scenario: Scenario) -> Iterator[RealNumber]:

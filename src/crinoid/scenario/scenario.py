@@ -44,8 +44,7 @@ AT_REST = (
     *("tool", "chamber", "tendon", "obstacle", "contact"),
 )
 """Tables that an equilibrium depends on."""
-_DIMENSION = {"arm", "arm.dimension"}
-"""Keys that set the dimension."""
+_DIMENSION = {"arm", "arm.dimension"}  # keys that set the dimension
 
 
 class Scenario(Represented, Model):

@@ -16,10 +16,8 @@ from crinoid.scenario.quantity import Degrees, Metres, MetresPerSecond, Seconds
 from crinoid.scenario.waves import SurfaceWaves
 
 _Size = Annotated[Metres, Field(ge=0.01, le=1000)]
-_DEEP = 0.7
-"""Largest depth Froude number of waves as in deep water."""
-_LEAST, _MOST = 64, 10_000
-"""Numbers of components."""
+_DEEP = 0.7  # largest depth Froude number of waves as in deep water
+_LEAST, _MOST = 64, 10_000  # numbers of components
 
 
 class ShipWakeFlow(SurfaceWaves):

@@ -39,8 +39,7 @@ _OF_PATH = {
     "file": ("file", "time_column", "tip_columns", "angle_column", "direction_columns", "skip"),
 }
 """Keys of each path."""
-_NEEDED = ("radius", "period", "amplitude", "frequency_hz", "file")
-"""Keys that their path requires."""
+_NEEDED = ("radius", "period", "amplitude", "frequency_hz", "file")  # keys that their path requires
 _PATHS = {
     key: [path for path, keys in _OF_PATH.items() if key in keys]
     for key in (*_NEEDED, *chain.from_iterable(_OF_PATH.values()))

@@ -20,8 +20,7 @@ from crinoid.scenario.quantity import (
     span_conflicts,
 )
 
-_TIP = (0.9, 1.0)
-"""Part of the arm that counts as its tip."""
+_TIP = (0.9, 1.0)  # part of the arm that counts as its tip
 
 Index = Annotated[int, Quantity(expects="the index of an obstacle, 0 for the first")]
 

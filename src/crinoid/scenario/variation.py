@@ -31,10 +31,8 @@ class Span:
 
     first: int | float
     last: int | float
-    count: int | None = None
-    """Number of values; None of a range to sample."""
-    log: bool = False
-    """Whether equal steps are equal ratios."""
+    count: int | None = None  # number of values; None of a range to sample
+    log: bool = False  # whether equal steps are equal ratios
 
     def at(self, part: float) -> float:
         """Return the number at a part of the range, 0 at the first end and 1 at the last."""
@@ -63,8 +61,7 @@ class Levels:
     """Levels of what varies together, made when they are asked for."""
 
     count: int
-    at: Callable[[int], dict[str, Any]]
-    """The values of a level by dotted key."""
+    at: Callable[[int], dict[str, Any]]  # the values of a level by dotted key
 
     @staticmethod
     def of(key: str, values: Sequence[Any]) -> "Levels":

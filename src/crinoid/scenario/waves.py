@@ -19,12 +19,9 @@ from crinoid.scenario.sea_file import ElevationFile, SpectrumFile
 class SeaState(NamedTuple):
     """Size of surface waves."""
 
-    deviation: float
-    """Standard deviation of the elevation (m)."""
-    period: float
-    """Period, that of the highest waves of irregular ones (s)."""
-    regular: bool
-    """Whether they have one period."""
+    deviation: float  # standard deviation of the elevation (m)
+    period: float  # period, that of the highest waves of irregular ones (s)
+    regular: bool  # whether they have one period
 
     @property
     def height(self) -> float:
@@ -35,8 +32,7 @@ class SeaState(NamedTuple):
 class SurfaceWaves(FlowTable):
     """Surface waves of any kind."""
 
-    keys: ClassVar[tuple[str, str]]
-    """Keys of height and period."""
+    keys: ClassVar[tuple[str, str]]  # keys of height and period
 
     @property
     def state(self) -> SeaState | None:

@@ -27,10 +27,8 @@ from crinoid.studies.design import SEED, Design
 from crinoid.studies.measures import tabulated
 from crinoid.studies.statistics import differences, records, row_means
 
-_CROSSOVER = 1.0
-"""Frequency (Hz) at which the loop crosses over where the margin allows it."""
-_MODULUS = 0.4
-"""Smallest modulus margin of default gains."""
+_CROSSOVER = 1.0  # frequency (Hz) at which the loop crosses over where the margin allows it
+_MODULUS = 0.4  # smallest modulus margin of default gains
 _KP, _KD = 0.25, 0.5
 """Proportional gain over ``ki / w`` and derivative gain over ``ki / w^2``, ``w`` the first natural
 frequency (rad/s): in four built-in scenarios they let ``ki`` be 1.4 to 2 times as large."""
@@ -154,17 +152,14 @@ class ControllerComparison:
         axes = {"controller": Levels(len(under), under.__getitem__), SEED: Levels.of(SEED, seeds)}
         self.design, self.seeds = Design(self.scenario, axes), list(seeds)
         self._firsts = [self.design.case(run) for run in range(1, self.design.runs + 1, len(seeds))]
-        self.controller_cpu_time = []
-        """NaN without a start."""
+        self.controller_cpu_time = []  # NaN without a start
         for case in self._firsts:
             setup = set_up(Prepared(case))
             started = setup.outcome.converged
             time = controller_cpu_time(setup.loop, setup.state) if started else math.nan
             self.controller_cpu_time.append(time)
-        self.arms: list[Arm[Measures]] = []
-        """Outcomes of the first runs of the design."""
-        self.has_runs = False
-        """Whether a run has reached its end."""
+        self.arms: list[Arm[Measures]] = []  # outcomes of the first runs of the design
+        self.has_runs = False  # whether a run has reached its end
 
     def run(
         self, report: Callable[[Progress], None], stop: Callable[[], bool] = lambda: False

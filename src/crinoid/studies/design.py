@@ -16,8 +16,7 @@ from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.scenario import scenario_schema
 from crinoid.scenario.variation import Levels, combination
 
-SEED = "seed"
-"""Key of everything random."""
+SEED = "seed"  # key of everything random
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,7 @@ class Design:
     Runs are numbered from 1; the last axis changes fastest. A case is built when it is asked for.
     """
 
-    scenario: Scenario
-    """One case."""
+    scenario: Scenario  # one case
     axes: Mapping[str, Levels]
     """By name, what varies: at each level the values of one key or of several."""
 

@@ -9,8 +9,7 @@ import xarray as xr
 
 from crinoid.results.metrics import EFFORT, Measure, Measures
 
-_ROUND = 1e-9
-"""Relative difference of equal instants of two runs."""
+_ROUND = 1e-9  # relative difference of equal instants of two runs
 
 
 def stacked(runs: Sequence[xr.Dataset | None]) -> xr.Dataset:

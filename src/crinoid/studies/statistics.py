@@ -21,12 +21,9 @@ _EXTREME = ("extreme", "extreme_low", "extreme_high")
 MEAN_COLUMNS = ("measure", "units", "runs", "mean", "low", "high", *_EXTREME)
 """Columns of ``means.csv`` after the keys that vary."""
 _CONFIDENCE = 0.95
-RUNS = 100
-"""Runs of which one exceeds the estimated extreme, on average."""
-_LEAST = 10
-"""Smallest number of seeds for extremes."""
-_ROUND_OFF = 1e-9
-"""Relative difference of values that are equal up to round-off."""
+RUNS = 100  # runs of which one exceeds the estimated extreme, on average
+_LEAST = 10  # smallest number of seeds for extremes
+_ROUND_OFF = 1e-9  # relative difference of values that are equal up to round-off
 
 
 @cache
@@ -39,11 +36,9 @@ class Means(NamedTuple):
     """Means at some places, with their intervals of 95 % confidence (Student's t), in SI units."""
 
     value: Float[np.ndarray, " place"]
-    low: Float[np.ndarray, " place"]
-    """NaN, as the upper end, with fewer than two values."""
+    low: Float[np.ndarray, " place"]  # NaN, as the upper end, with fewer than two values
     high: Float[np.ndarray, " place"]
-    runs: Int[np.ndarray, " place"]
-    """Number of values."""
+    runs: Int[np.ndarray, " place"]  # number of values
 
     @property
     def half(self) -> Float[np.ndarray, " place"]:

@@ -31,10 +31,8 @@ class OtherVersionError(RuntimeError):
 class Work:
     """One batch, as it is sent to a worker."""
 
-    scenario: str
-    """TOML."""
-    values: Sequence[dict[str, Any]]
-    """Values of each run that replace those of the scenario."""
+    scenario: str  # TOML
+    values: Sequence[dict[str, Any]]  # values of each run that replace those of the scenario
     threads: int = 1
     steps: int | None = None
     """Time steps of the whole sweep, as `crinoid.simulation.play` needs them."""
@@ -96,10 +94,8 @@ class WorkerPool(Protocol):
 
 
 _TRIES = 3
-_LOOK = 0.2
-"""Time between two looks at workers and at requests to stop (s)."""
-_LEAST = 60.0
-"""Shortest time limit of a batch (s)."""
+_LOOK = 0.2  # time between two looks at workers and at requests to stop (s)
+_LEAST = 60.0  # shortest time limit of a batch (s)
 _PATIENCE = 10.0
 """Time limit of a batch, over the time that its runs need at the pace of the slowest one so far."""
 

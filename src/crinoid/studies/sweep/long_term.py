@@ -12,8 +12,7 @@ from crinoid.results.fatigue import YEAR, combined_life
 from crinoid.studies.sweep.plan import SweepDesign
 
 EXTREMES = "extremes.csv"
-_PERIODS = (1.0, 10.0, 50.0, 100.0)
-"""Return periods (year)."""
+_PERIODS = (1.0, 10.0, 50.0, 100.0)  # return periods (year)
 _OVER, _BY_PERIOD = ("return_period", "estimate"), "_by_return_period"
 _LIFE = {"units": "year", "long_name": "fatigue life over the shares of time of all runs"}
 _SHARE = {"units": "1", "long_name": "share of time of the run"}

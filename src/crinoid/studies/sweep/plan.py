@@ -22,18 +22,14 @@ from crinoid.scenario.variation import Levels, Span, case_words, read_variation
 from crinoid.studies.design import SEED, Design
 from crinoid.studies.sweep.sampling import SAMPLINGS, points_of, sample
 
-PLAN = "plan.toml"
-"""Name of the file of a plan."""
+PLAN = "plan.toml"  # name of the file of a plan
 MOST_RUNS, _MOST_FILES = 10_000_000, 100_000
 _MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
 ROWS = "rows"
 """Sampling by rows, each with the values at one place of all lists, and name of its axis."""
-_SAMPLE = "\0sample"
-"""Name of the axis of all keys that are sampled together."""
-_FIRST = 100
-"""Most cases that are checked before anything slow is loaded."""
-_FIXED = ("simulation", "output")
-"""Tables whose numbers change the compiled programs."""
+_SAMPLE = "\0sample"  # name of the axis of all keys that are sampled together
+_FIRST = 100  # most cases that are checked before anything slow is loaded
+_FIXED = ("simulation", "output")  # tables whose numbers change the compiled programs
 _NUMBERS = dict.fromkeys(("count", "seeds", "batch"), int)
 _KINDS = {"sampling": str, **_NUMBERS, **dict.fromkeys(("files", "varied", "scenario"), dict)}
 """Keys of the file of a plan, and the types of their values."""
@@ -42,10 +38,8 @@ _KINDS = {"sampling": str, **_NUMBERS, **dict.fromkeys(("files", "varied", "scen
 class Batch(NamedTuple):
     """Runs that one worker runs together."""
 
-    runs: Int[np.ndarray, " run"]
-    """Their numbers, from 1."""
-    structure: int
-    """Index of their structure."""
+    runs: Int[np.ndarray, " run"]  # their numbers, from 1
+    structure: int  # index of their structure
 
 
 @dataclass(frozen=True)
@@ -60,12 +54,9 @@ class SweepDesign(Design):
     """Values of each key that varies: a list, or a `Span`, which without a count is sampled."""
     sampling: str = "grid"
     """``grid`` of all combinations, ``rows`` of values, ``lhs``, ``sobol`` or ``saltelli``."""
-    count: int = 1
-    """Number of sampled points, or of blocks of points (`sample`)."""
-    seeds: int = 1
-    """Number of seeds of each combination."""
-    batch: int = 1
-    """Largest number of runs in a batch."""
+    count: int = 1  # number of sampled points, or of blocks of points (`sample`)
+    seeds: int = 1  # number of seeds of each combination
+    batch: int = 1  # largest number of runs in a batch
     files: Mapping[str, str] = field(default_factory=dict)
     """Digest of each file that the scenario names."""
 

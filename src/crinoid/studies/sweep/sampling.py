@@ -42,8 +42,7 @@ class Index(NamedTuple):
     """Indices of a key, with the half widths of their intervals of 95 % confidence."""
 
     key: str
-    first: float
-    """Share of the variance that the key explains alone."""
+    first: float  # share of the variance that the key explains alone
     first_within: float
     total: float
     """Share that remains if all other keys are fixed: alone and in interaction with them."""

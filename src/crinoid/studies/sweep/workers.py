@@ -19,14 +19,10 @@ from typing import Any
 from crinoid.foundation.child_processes import signals_blocked
 from crinoid.studies.sweep.engine import DIED, BatchFuture, Work, WorkerPoolError, perform
 
-_MOST_STILLBORN = 3
-"""Workers that may die before they are ready."""
-_LAST_MOMENT = 1.0
-"""Time that a process has to end once it does not answer (s)."""
-_ANSWER = 15.0
-"""Time that a scheduler has to answer (s)."""
-_LOOK = 1.0
-"""Time between two looks at the workers of a scheduler (s)."""
+_MOST_STILLBORN = 3  # workers that may die before they are ready
+_LAST_MOMENT = 1.0  # time that a process has to end once it does not answer (s)
+_ANSWER = 15.0  # time that a scheduler has to answer (s)
+_LOOK = 1.0  # time between two looks at the workers of a scheduler (s)
 
 
 class _Context(SpawnContext):  # a fork of JAX's threads may hang
@@ -47,8 +43,7 @@ class _Worker:
     executor: ProcessPoolExecutor
     process: BaseProcess
     ready: Future[None]
-    future: Future[Any]
-    """The latest task."""
+    future: Future[Any]  # the latest task
 
     @property
     def is_ready(self) -> bool:
