@@ -30,8 +30,7 @@ from crinoid.scenario.scenario import scenario_schema
 CURVE = "curve.nc"  # file of the equilibria of `crinoid equilibrium --vary`
 BRANCHES = ("forward", "backward")  # ways along the values: from the first to the last, and back
 
-_SAME = 1e-5
-"""Distance between the shapes of both branches over the length, below which they are one."""
+_SAME = 1e-5  # distance between both branches, over the length, below which they are one
 
 
 def equilibria(scenario: Source, vary: str) -> xr.Dataset:

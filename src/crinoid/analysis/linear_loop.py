@@ -33,8 +33,7 @@ from crinoid.simulation.setup import Setup, set_up
 
 _GRID = 1500
 _LOWEST = 1e-5  # lowest frequency looked at, over the highest
-_WIDEST = 5e-3
-"""Distance from a resonance, over it, from which on the even frequencies are as close."""
+_WIDEST = 5e-3  # distance from a resonance, over it, at which even frequencies are as close
 _SETTLED = 2.0  # how long a controller has run when it is linearised (s)
 _FAR = 1e6  # by how much limits are moved away, over themselves and 1
 
@@ -52,8 +51,7 @@ class LinearLoop(NamedTuple):
 class LinearPlant(NamedTuple):
     """Arm, actuators and sensors over a control period."""
 
-    systems: dict[str, System]
-    """From commands to readings and states of the actuators, in each water."""
+    systems: dict[str, System]  # from commands to readings and actuators' states, in each water
     inputs: tuple[str, ...]
     period: float  # time between two commands (s)
     frequency: Float[np.ndarray, " f"]  # where its response is known (Hz)

@@ -14,8 +14,7 @@ from crinoid.simulation.loop_margin import ROBUST, Margin
 MARGINS = "margins.nc"
 
 _SHARE = 0.05  # command over the largest that counts as a part of a motion
-_LEAST_SWING = 0.01
-"""Angle by which a pole turns in the time in which it grows e-fold, below which it runs away."""
+_LEAST_SWING = 0.01  # angle by which a pole turns while it grows e-fold, below which it runs away
 
 
 def find_margins(prepared: Prepared) -> xr.Dataset:

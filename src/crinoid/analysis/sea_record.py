@@ -27,11 +27,9 @@ _CALM = 0.1  # largest density below half the frequency of the waves, over that 
 _GAMMA, _GRAVITY = 3.3, 9.81
 TIDAL = 15 * 86400.0
 """Shortest record of a tide (s): half a month parts the two main constituents, M2 and S2."""
-NO_MEAN = 0.05
-"""A mean velocity of less than this part of the RMS speed is none: nothing is relative to it."""
+NO_MEAN = 0.05  # mean velocity over the RMS speed below which nothing is relative to the mean
 _STEADY = 1e-6  # a standard deviation of less than this part of the largest speed is round-off
-_APART = 0.3
-"""Smallest share of a constituent that is linearly independent of the other constituents."""
+_APART = 0.3  # smallest share of a constituent that is linearly independent of the others
 _BINS, _BINS_OF_SEA = 15, 6  # fewest bins up to the largest speed, height or period
 _EDGE = 1e-9  # relative round-off of a value at the edge of a bin
 
@@ -211,8 +209,7 @@ def _sea(
 class Tide(NamedTuple):
     """Harmonic constituents of a record, the strongest first."""
 
-    share: float
-    """Share of the horizontal variance that they explain; not a number of a steady record."""
+    share: float  # share of the horizontal variance that they explain; NaN of a steady record
     names: list[str]
     amplitude: Float[np.ndarray, " constituent"]
     """Semi-major axis of the ellipse of the velocity (m/s)."""

@@ -236,8 +236,7 @@ Times = Float[np.ndarray, " look"]
 
 SHAPES = 3  # shapes along the arm of water that is foreseen
 _LEAST_ACROSS = 0.3  # share of the current that counts as across the arm at least
-_SPACING = 0.04
-"""Time between the readings from which those to come are foreseen, over the arm's first period."""
+_SPACING = 0.04  # time between readings for the forecast, over the arm's first period
 _MEMORY = np.array([0.75, 4.0])
 """Over the arm's first period, for how long readings are kept at least and at most."""
 _LEAST_NOISE = 0.02  # noise of readings over their standard deviation, at least

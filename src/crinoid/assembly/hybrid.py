@@ -30,13 +30,10 @@ _NOISE = math.radians(0.3)
 """Least error of an inclination that the filter allows for (rad): what modes left out do."""
 _KNOWN = 0.5  # highest frequency of the modelled modes, over half the controller's rate
 _STIRRED = 0.15  # disturbance that it allows for, as an acceleration of the base, over its greatest
-_FILTER_PERIODS = 2.0
-"""Time constant, in control periods, of the filter on rates during the swing-up."""
-_MOMENTUM = 0.8
-"""Momentum at which the base goes most of its travel, over mass times speed of a free fall."""
+_FILTER_PERIODS = 2.0  # time constant of the filter on rates in the swing-up (control periods)
+_MOMENTUM = 0.8  # momentum at which the base goes farthest, over mass times speed of free fall
 _ENERGY = 0.1  # energy lacking up to which the base goes less far, over that of the hanging arm
-_SHARES = (0.9, 1.5)
-"""Shares of the base's limits that catching may take, and beyond which the arm is let go."""
+_SHARES = (0.9, 1.5)  # shares of the base's limits for catching, and at which the arm is let go
 
 Matrix = Float[np.ndarray, "_ _"]
 Vector = Float[np.ndarray, " _"]

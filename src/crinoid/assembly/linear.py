@@ -35,8 +35,7 @@ Velocity = Float[np.ndarray, " d"]
 
 SHARE = 1e-5  # least Hankel singular value of a state that is kept, over the largest
 _MOST = 40
-_DISCOUNT = 0.9999
-"""Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
+_DISCOUNT = 0.9999  # share of a motion that a period leaves in Gramians, also without damping
 _USUAL = 0.1  # usual movement of an input over its range
 _CALM = 0.25  # share of the time in which the water is slower than in the linearisation
 _SETTLED = 100  # steps over which the response to inputs is summed

@@ -57,8 +57,7 @@ class Observables:
         """Observation of a controller's input."""
         self.actions = tuple(map(_limited, [inputs[row] for row in driven]))
         """Name, unit and limits of each number of an action."""
-        self.entries = tuple(self._entries(plan))
-        """Name, unit and limits of each number of an observation."""
+        self.entries = tuple(self._entries(plan))  # name, unit and limits of each number
 
     def _entries(self, plan: AssembledScenario) -> Iterator[Entry]:
         system, axes, chosen = plan.system, self.axes, self.observation

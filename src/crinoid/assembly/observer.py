@@ -19,8 +19,7 @@ from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
 from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 
 _TICKS = 60  # number of commands over which the pattern of arrivals is sampled
-_MODEL_ERROR = 2e-2
-"""Error of the model in the effect of the inputs over a period, relative to the usual effect."""
+_MODEL_ERROR = 2e-2  # relative error of the effect of the inputs over a period in the model
 _LEAST_NOISE = 1e-3  # least noise of readings, over their usual variation
 _ELSEWHERE = 1.5
 """Noise of the water's velocity at a meter, over its deviation. Water at the arm differs, and drag
@@ -29,8 +28,7 @@ _LOCAL = 0.03
 """Noise of curvatures or inclinations along the arm, over the largest that is usual: eddies shorter
 than the shapes of the model's water bend it, too."""
 _BENT = 0.05  # least displacement of the tip of an arm at work, over its length
-_OFFSET_TIME = 0.75
-"""Correlation time of the tip's offset from the linear model, over the arm's first period."""
+_OFFSET_TIME = 0.75  # correlation time of the tip's offset from the model, over the first period
 
 
 class WaterProcess(NamedTuple):

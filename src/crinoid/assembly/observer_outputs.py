@@ -14,8 +14,7 @@ from crinoid.assembly.linear import LinearModel, Matrix
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import CurrentOutput, LinearOutput, ObserverOutputs
 
-_DRAG_ERROR = 0.15
-"""Error of the estimated current by the linear model of drag and inertia, over its deviation."""
+_DRAG_ERROR = 0.15  # error of the current by the linear model, over its deviation
 
 
 class OutputMatrices(NamedTuple):

@@ -240,5 +240,4 @@ def _surface(read: SolidSurface, edge: float) -> Surface:
     return SignedDistance(spline=spline, samples=samples)
 
 
-_MOST_SAMPLES = 33
-"""Largest number of points on an edge among which the search for the nearest one begins."""
+_MOST_SAMPLES = 33  # most points on an edge among which the search for the nearest one begins

@@ -63,8 +63,7 @@ def find_state(system: System, loaded: bool) -> tuple[State, Outcome]:
 
 _ROUND_OFF = 1e-9
 """Movement of the tip over that of a channel, turns at the arm's length, below round-off."""
-_NO_RESPONSE = 1e-6
-"""Response of an input to an error, over the largest such response, that counts as zero."""
+_NO_RESPONSE = 1e-6  # response of an input to an error, over the largest one, that counts as zero
 
 
 @dataclass(frozen=True)

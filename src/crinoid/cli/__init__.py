@@ -12,8 +12,7 @@ from importlib import import_module
 
 from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading, heed, ignore
 
-_ALLOCATIONS = 50_000
-"""New objects after which Python looks for garbage; libraries make many and drop few."""
+_ALLOCATIONS = 50_000  # new objects after which Python looks for garbage: libraries make many
 
 
 def main(module: str = "crinoid.cli.app") -> None:

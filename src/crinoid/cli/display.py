@@ -84,8 +84,7 @@ def say_notes(notes: Iterable[str]) -> None:
         console.print(f"note: {note}", soft_wrap=True)
 
 
-_FEW_SEEDS = 5
-"""Number of seeds below which a note calls intervals wide: half of one is 2.8 standard errors."""
+_FEW_SEEDS = 5  # seeds below which intervals are wide: half of one is 2.8 standard errors
 
 
 def seed_notes(seeds: int) -> list[str]:
@@ -95,8 +94,7 @@ def seed_notes(seeds: int) -> list[str]:
     return [f"95 % intervals of {seeds} seeds are wide. Use 10 or more."]
 
 
-_ONSETS = ("flow", "load", "base", "target", "simulation")
-"""Tables that decide from when on errors count."""
+_ONSETS = ("flow", "load", "base", "target", "simulation")  # tables that decide when errors count
 _AIMS = ("target", "control")  # tables that give the tip a target
 
 
@@ -233,8 +231,7 @@ def _ranges(names: list[str], numbers: list[int]) -> str:
     return ", ".join(parts)
 
 
-_VARIED_WIDTH = 23
-"""Characters of a study's table for the varied keys, so that its measures fit 80 columns."""
+_VARIED_WIDTH = 23  # characters for the varied keys, so that measures fit into 80 columns
 
 
 def run_table(result: Result, *, full: bool = False) -> Table:

@@ -20,8 +20,7 @@ from crinoid.results.units import length_text
 from crinoid.scenario import ScenarioText, counted
 
 _ALIKE = 0.95  # correlation of two numbers from which on a note reports it
-_MOST_CORRELATED = 2.0
-"""Variance of a mean of residuals, over that of white noise, from which on a note reports it."""
+_MOST_CORRELATED = 2.0  # variance of a mean of residuals over that of white noise: more has a note
 
 
 def identify_numbers(

@@ -29,8 +29,7 @@ class Variable(NamedTuple):
     meaning: str  # its ``long_name``
     of: Of | None = None
     """Its computation; None if in ``diagnostics.dimensionless`` or ``results.signals``."""
-    where: str = ""
-    """Words of what a result must have for it, such as "vehicle plane"; empty for all."""
+    where: str = ""  # words of what a result must have for it, such as "vehicle plane"
     more: str = ""  # addition to the meaning in the documentation
     extra: Mapping[str, str] = {}  # attributes besides unit and meaning
 

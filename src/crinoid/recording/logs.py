@@ -20,14 +20,12 @@ _ENDINGS = (".mcap", ".db3", ".bag")
 _TIP, _COMMANDS, _MARKERS = "/tip/pose", "/commands", re.compile(r"/markers/([^/]+)(/pose)?")
 """Topics of the tip, of commands, and of markers, with their names."""
 _JOINTS = "sensor_msgs/msg/JointState"
-_NAMED = ["position", "velocity", "effort"]
-"""Lists of numbers of `_JOINTS`, in the order of the names."""
+_NAMED = ["position", "velocity", "effort"]  # lists of `_JOINTS`, in the order of the names
 _LOGGED, _MEASURED = "time of log", "time of measurement"
 _WITHOUT = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 """Parts of messages that have no numbers of interest."""
 _PLACE = re.compile(r"(.*?)(position|translation|point)\.x")
-_OWN = {*POSE[2], *POSE[3], "time", "marker"}
-"""Columns that are no commands, though a joint may have such a name."""
+_OWN = {*POSE[2], *POSE[3], "time", "marker"}  # names of joints that are no commands
 _ALIKE = 10**4  # difference of times (ns) that counts as none: records have larger steps
 _DATED = 10**17  # times (ns) above this one count from 1970, not from the start of a run
 

@@ -24,8 +24,7 @@ from crinoid.scenario import Mesh, Scenario, got, refusal, shown
 
 _USUAL, _MOST = 200_000, 20_000_000  # values of a grid by default at most, and at most
 _ROUNDED = 0.05  # error of distances that is said, over the radius of the arm; as thick is the skin
-_CHECKED = 500
-"""Number of places around a mesh where distances on the grid are compared with exact ones."""
+_CHECKED = 500  # places around a mesh where distances on the grid are compared with exact ones
 _FEW = 8  # number of vertices of a body that are tested for being inside another body
 _SHEET = 0.08  # half of the thickness by which a solid in a plane is drawn, of the arm's length
 

@@ -41,8 +41,7 @@ class Column(NamedTuple):
     unit: str  # unit if the file names none
     most: float  # largest size of a value (SI); a larger one marks a missing value
     wraps: bool = False  # whether it is an angle, from which an instrument may omit whole turns
-    noun: str = "numbers"
-    """Word for its values, whose size is reported in ``unit`` if it is another one."""
+    noun: str = "numbers"  # word for its values; another one: their size is in ``unit``
 
 
 def check_count(count: int, file: str, owner: str) -> None:

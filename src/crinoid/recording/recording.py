@@ -46,8 +46,7 @@ def base_travel(scenario: Scenario, series: Mapping[str, Series | VesselResponse
 
 
 _MEAN_OVER = 600.0  # time (s) of the mean current that carries a record past the arm
-_FROZEN_BELOW = 0.5
-"""Largest ratio of fluctuation to mean of a frozen pattern (Taylor's hypothesis)."""
+_FROZEN_BELOW = 0.5  # largest fluctuation over mean of a frozen pattern (Taylor's hypothesis)
 _EVEN = 0.1  # largest deviation of an even interval, over the interval
 
 
@@ -61,10 +60,8 @@ class Recording:
     """Heights z (m), increasing, two or more; None for a record at one point."""
     velocity: Float[np.ndarray, "time level axis"]
     """Velocity (m/s) along the axes of the arm, as large as in the run."""
-    filled: Bool[np.ndarray, "time level"]
-    """Whether a value is missing in the file and interpolated."""
-    slowness: Float[np.ndarray, " axis"]
-    """Delay of the record in the time of the run, over distance (s/m)."""
+    filled: Bool[np.ndarray, "time level"]  # whether a value is missing in the file
+    slowness: Float[np.ndarray, " axis"]  # delay in the time of the run over distance (s/m)
     carried: bool  # whether the water carries it past the arm
     start: float  # time of the record (s) at the start of the run
     time_scale: float  # time of the run over time of the record

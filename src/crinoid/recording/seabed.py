@@ -20,8 +20,7 @@ from crinoid.scenario import Scenario, Seabed, counted, refusal, shown
 
 _EVEN = 1e-3  # largest deviation of steps of a coordinate from even ones, over a step
 _DEEPEST = 12e3  # largest height or depth (m)
-_SHOWN, _PARTS = 1.5, 60
-"""Half of the side of a bed as it is drawn, of the arm's length, and its parts."""
+_SHOWN, _PARTS = 1.5, 60  # half of the side of a bed as drawn, of the arm's length, and its parts
 _SHEET, _DEEP = 0.08, 0.1
 """Half of the thickness by which a bed in a plane is drawn, and its depth, of the arm's length."""
 _BATHYMETRY = re.compile(r"h|.*bathy.*", re.I)

@@ -43,8 +43,7 @@ class FilledRecord(NamedTuple):
     time: Float[np.ndarray, " time"]  # time (s), with the instants that are missing in the file
     levels: Float[np.ndarray, " level"] | None
     """Heights z (m), in the order of the file; None for a record at one point."""
-    velocity: Float[np.ndarray, "time level component"]
-    """Velocity (m/s); zero for a component named ``0``."""
+    velocity: Float[np.ndarray, "time level component"]  # m/s; zero for a component named ``0``
     filled: Bool[np.ndarray, "time level"]  # whether a component is missing
     remarks: list[str]  # assumptions, omitted levels and filled gaps, a sentence each
 

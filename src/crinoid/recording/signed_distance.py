@@ -7,8 +7,7 @@ from scipy.spatial import cKDTree
 
 _FIRST = 8  # number of triangles that a point is compared with at first
 _AT_ONCE = 400_000  # number of pairs of points and triangles that are compared at once
-_TIE = 1e-9
-"""Difference of squared distances from triangles that share the nearest point, over the square."""
+_TIE = 1e-9  # relative difference of squared distances to triangles that share a nearest point
 
 Points = Float[np.ndarray, "point axis=3"]
 Distances = Float[np.ndarray, " point"]

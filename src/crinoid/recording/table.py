@@ -45,8 +45,7 @@ _COMMENT = re.compile(r"(?:^|(?<=[\s;,]))#")  # Speed#1 is a name
 _BUOY = re.compile(r"#?\s*YYY?Y?\s+MM\s+DD\s+hh")
 _PREAMBLES = {r"sep=.\s*\n": [0], r'"?TOA5\b': [0, 3], r'"?Plot Title': [0]}
 """Lines besides names and units, of a spreadsheet, of Campbell and of HOBO."""
-_OPENFAST = re.compile(r"\s*\(s\)\s+\(")
-"""Line of units of OpenFAST, below the names that follow a text on the run."""
+_OPENFAST = re.compile(r"\s*\(s\)\s+\(")  # line of units, below a text and the names
 _HEAD = 1 << 16  # bytes from which the header and the layout are determined
 _FIELDS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 

@@ -69,8 +69,7 @@ Name = Annotated[
 ]
 
 
-_DEFAULT_VELOCITY = (("u", "w"), ("u", "v", "w"))
-"""Names of the components in the plane and in space."""
+_DEFAULT_VELOCITY = (("u", "w"), ("u", "v", "w"))  # names of components in plane and in space
 
 
 class MeasuredFlow(FlowTable):

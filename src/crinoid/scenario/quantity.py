@@ -249,8 +249,7 @@ Force = Annotated[Vector, Quantity("N")]
 
 INTERVALS = (1e-6, 1e9)  # times between two points of a record, a motion or a path (s)
 LATEST = 1e9  # largest time of a point (s); a later one has too few digits after the point
-OPPOSITE = -1 + 1e-9
-"""Cosine of the angle between directions that are opposite: neither way is the shorter one."""
+OPPOSITE = -1 + 1e-9  # cosine between opposite directions: neither way is the shorter one
 
 
 def time_conflicts(time: tuple[float, ...]) -> Iterator[Mistake]:

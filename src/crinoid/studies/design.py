@@ -27,8 +27,7 @@ class Design:
     """
 
     scenario: Scenario  # one case
-    axes: Mapping[str, Levels]
-    """By name, what varies: at each level the values of one key or of several."""
+    axes: Mapping[str, Levels]  # by name, the values at each level of one key or of several
 
     @staticmethod
     def of_vary(scenario: Scenario) -> Design:

@@ -34,8 +34,7 @@ class Work:
     scenario: str  # TOML
     values: Sequence[dict[str, Any]]  # values of each run that replace those of the scenario
     threads: int = 1
-    steps: int | None = None
-    """Time steps of the whole sweep, as `crinoid.simulation.play` needs them."""
+    steps: int | None = None  # time steps of the sweep, as `crinoid.simulation.play` needs them
     version: str = __version__
 
 
@@ -96,8 +95,7 @@ class WorkerPool(Protocol):
 _TRIES = 3
 _LOOK = 0.2  # time between two looks at workers and at requests to stop (s)
 _LEAST = 60.0  # shortest time limit of a batch (s)
-_PATIENCE = 10.0
-"""Time limit of a batch, over the time that its runs need at the pace of the slowest one so far."""
+_PATIENCE = 10.0  # time limit of a batch, over its time at the pace of the slowest one so far
 
 
 class _Flight(NamedTuple):

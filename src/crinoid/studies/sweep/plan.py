@@ -25,8 +25,7 @@ from crinoid.studies.sweep.sampling import SAMPLINGS, points_of, sample
 PLAN = "plan.toml"  # name of the file of a plan
 MOST_RUNS, _MOST_FILES = 10_000_000, 100_000
 _MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
-ROWS = "rows"
-"""Sampling by rows, each with the values at one place of all lists, and name of its axis."""
+ROWS = "rows"  # sampling by rows, each with the values at one place of all lists; its axis
 _SAMPLE = "\0sample"  # name of the axis of all keys that are sampled together
 _FIRST = 100  # most cases that are checked before anything slow is loaded
 _FIXED = ("simulation", "output")  # tables whose numbers change the compiled programs

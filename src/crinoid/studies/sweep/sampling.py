@@ -44,8 +44,7 @@ class Index(NamedTuple):
     key: str
     first: float  # share of the variance that the key explains alone
     first_within: float
-    total: float
-    """Share that remains if all other keys are fixed: alone and in interaction with them."""
+    total: float  # share that remains if all other keys are fixed: alone and by interaction
     total_within: float
 
 
