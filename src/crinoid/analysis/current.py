@@ -1,7 +1,5 @@
 """The current of a scenario by itself: sampled at the arm at rest, and summed up in numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The margins of a scenario's control loop, and the curves that show them, as a dataset."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

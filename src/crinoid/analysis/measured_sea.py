@@ -1,7 +1,5 @@
 """Surface waves in files beside the components that represent them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

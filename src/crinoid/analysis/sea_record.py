@@ -1,7 +1,5 @@
 """A record of the sea by itself: speeds, gaps, turbulence, spectrum and tide in numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

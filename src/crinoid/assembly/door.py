@@ -1,7 +1,5 @@
 """Checks of parts: each is checked once, where it is built or traced, never at run time."""
 
-from __future__ import annotations
-
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Design of the swing-up controller: modes of the upright arm, LQR gain and Kalman filter."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

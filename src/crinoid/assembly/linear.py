@@ -6,8 +6,6 @@ actuators ``s`` at both ends of the period are known, the water's velocity ``w``
 ``w_t`` at its end, by shapes along the arm, are not.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

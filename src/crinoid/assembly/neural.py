@@ -1,7 +1,5 @@
 """A neural controller from the file of its policy, and the numbers that it observes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Outputs of an observer: pose of the tip, shape of the arm, and current."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Gain-scheduled predictive control: models of several poses of the base."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Declaration of a command: its options with their help, and the name of its body."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from importlib import import_module

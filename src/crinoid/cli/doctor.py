@@ -1,7 +1,5 @@
 """The installation: versions, devices, optional parts, caches, disk, and a solve of one second."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

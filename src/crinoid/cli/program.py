@@ -1,7 +1,5 @@
 """The program: help without types of flags, and one line for a mistake in its words."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Axes of a file: its variables by name, times in seconds, and levels as heights."""
 
-from __future__ import annotations
-
 import re
 from difflib import get_close_matches
 from pathlib import Path

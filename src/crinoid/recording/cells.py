@@ -1,7 +1,5 @@
 """Columns of a table that belong together: the cells of a profile, and the parts of a date."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 

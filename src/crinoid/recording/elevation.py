@@ -1,7 +1,5 @@
 """Components of the elevation of the surface that a gauge measured."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 

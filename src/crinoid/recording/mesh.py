@@ -1,7 +1,5 @@
 """Meshes of files: signed distances from them on a grid."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable

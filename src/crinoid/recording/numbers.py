@@ -1,7 +1,5 @@
 """Numbers of a variable: read, in SI units, without those that are marked as missing or bad."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

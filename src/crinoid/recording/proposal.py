@@ -1,7 +1,5 @@
 """The table ``[[flow]]`` that plays a file, as its attributes and names are understood."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from typing import Any

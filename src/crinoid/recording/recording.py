@@ -1,7 +1,5 @@
 """Measured current in a run: components along the axes of the arm, over the time of the run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

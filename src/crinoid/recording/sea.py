@@ -1,7 +1,5 @@
 """Surface waves in files: what is known of them, ready for a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

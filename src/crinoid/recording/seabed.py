@@ -1,7 +1,5 @@
 """Heights of a bed from files."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Selection of a current from a file: the velocity at times and heights, in SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Series over the time of a run: prescribed motions and paths of the target from files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple

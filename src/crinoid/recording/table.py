@@ -1,7 +1,5 @@
 """Reading of text tables: CSV with a header, of instruments, data services and spreadsheets."""
 
-from __future__ import annotations
-
 import csv
 import os
 import re

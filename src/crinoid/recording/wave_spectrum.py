@@ -1,7 +1,5 @@
 """Spectra of surface waves: of frequency, or of frequency and direction."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import partial

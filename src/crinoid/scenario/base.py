@@ -1,7 +1,5 @@
 """The base: its pose, its channels, and its motion."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, Literal, NamedTuple

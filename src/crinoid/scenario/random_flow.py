@@ -1,8 +1,6 @@
 """Random flows, drawn from the seed of a scenario: Gauss-Markov processes and turbulence."""
 # ruff: noqa: D102  # the base class documents its methods
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 

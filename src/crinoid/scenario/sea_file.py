@@ -1,7 +1,5 @@
 """Surface waves in a file: the elevation at a gauge, or a spectrum."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from crinoid.scenario.document import RecordFile

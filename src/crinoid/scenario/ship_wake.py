@@ -1,8 +1,6 @@
 """The waves of a passing ship."""
 # ruff: noqa: D102  # the base class documents its methods
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Iterator

@@ -1,8 +1,6 @@
 """Surface waves: regular and random."""
 # ruff: noqa: D102  # the base class documents its methods
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, ClassVar, Literal, NamedTuple

@@ -1,7 +1,5 @@
 """The engine of a sweep: its workers run batches, and batches that fail are tried again."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence

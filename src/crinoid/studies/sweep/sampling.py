@@ -1,7 +1,5 @@
 """Samples of several numbers, and Sobol's indices: each key's share of the variance."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

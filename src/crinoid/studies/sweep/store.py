@@ -1,7 +1,5 @@
 """The folder of a sweep: its plan, a file for each finished batch, and the study of all."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path

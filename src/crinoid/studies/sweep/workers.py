@@ -1,7 +1,5 @@
 """Workers of a sweep: processes of this machine, or those of dask.distributed."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import multiprocessing
