@@ -20,15 +20,7 @@ from crinoid.cli.seed_means import SeedTables
 from crinoid.compilation import make_room
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
-from crinoid.results.metrics import (
-    CASES,
-    Measure,
-    known,
-    measured,
-    measures_of,
-    read_rows,
-    write_rows,
-)
+from crinoid.results import metrics
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
@@ -70,7 +62,7 @@ def _run_cases(
     resume: bool,
     force: bool,
 ) -> str:
-    registry = measures_of(plan.scenario)
+    registry = metrics.measures_of(plan.scenario)
     if not force:
         check_replaced(folder, cases, resume=resume)
     rows = _earlier_rows(plan, folder, cases)  # each is kept until its case is run again
@@ -104,9 +96,9 @@ def _run_cases(
             if run.wrong:
                 failures.append(f"{name}: {run.wrong}")
             try:
-                write_rows(folder / CASES, table)
+                metrics.write_rows(folder / metrics.CASES, table)
             except OSError as error:
-                text = f"{folder / CASES}: {error.strerror or error}"
+                text = f"{folder / metrics.CASES}: {error.strerror or error}"
                 ended = f"{text}; the cases are saved, --resume goes on and writes their table"
                 break
             if number == 1:
@@ -122,12 +114,12 @@ def _run_cases(
         printed = display.cases_table(plan.scenario.title, plan.keys, table, registry)
         means = _means(plan, rows, registry)
         written = means.show([printed], folder, display.notes_of_cases(notes))
-        display.say_where([folder / CASES, *written])
-    return ended or display.listed(failures, CASES)
+        display.say_where([folder / metrics.CASES, *written])
+    return ended or display.listed(failures, metrics.CASES)
 
 
 def _means(
-    plan: Design, rows: Mapping[str, Mapping[str, Any]], registry: Mapping[str, Measure]
+    plan: Design, rows: Mapping[str, Mapping[str, Any]], registry: Mapping[str, metrics.Measure]
 ) -> SeedTables:
     """Return means of the runs that reached their end."""
     done = {run: rows[name] for run in range(1, plan.runs + 1) if (name := plan.name(run)) in rows}
@@ -172,7 +164,7 @@ def _play(
 
 
 def _measures(result: Result) -> dict[str, float | None]:
-    return {name: known(value) for name, value in measured(result).numbers.items()}
+    return {name: metrics.known(value) for name, value in metrics.measured(result).numbers.items()}
 
 
 def _earlier_rows(
@@ -180,9 +172,9 @@ def _earlier_rows(
 ) -> dict[str, dict[str, Any]]:
     """Return the rows of an earlier table whose results are there and of the same cases."""
     found: dict[str, dict[str, Any]] = {}
-    registry = measures_of(plan.scenario)
+    registry = metrics.measures_of(plan.scenario)
     try:
-        there = {row.get("case"): row for row in read_rows(folder / CASES)[1]}
+        there = {row.get("case"): row for row in metrics.read_rows(folder / metrics.CASES)[1]}
     except (OSError, ValueError, csv.Error):  # none, or one that somebody changed
         return found
     for run, (name, case) in enumerate(cases.items(), start=1):

@@ -15,15 +15,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.cli import display
 from crinoid.cli.command import console
-from crinoid.cli.display import (
-    listed,
-    new_table,
-    notes_of_cases,
-    progress_bar,
-    say_notes,
-    say_written,
-)
 from crinoid.cli.finding import checked_runs
 from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
@@ -99,7 +92,7 @@ def run_sweep(
         text = f"{folder} contains {there[0]} already. Choose another folder, or use --resume "
         text += "to continue a sweep, or --force to replace it."
         raise refusal("--out", text)
-    say_notes(notes_of(plan))
+    display.say_notes(notes_of(plan))
     with claimed(folder):
         store.tidy()
         if not known:
@@ -109,7 +102,7 @@ def run_sweep(
         with Interruption() as interruption:
             interruption.stop()  # from here on there is something to save
             try:
-                with progress_bar() as bar:
+                with display.progress_bar() as bar:
                     if not _run(plan, store, start, done, bar, interruption.stop):
                         return f"{Status.INTERRUPTED}: {_saved(plan, done)}"
                     bar.update(bar.task_ids[0], description="collecting", reached="")
@@ -125,7 +118,7 @@ def run_sweep(
     if shares is not None:
         tables += [extremes_table(data)] * bool(extremes_of(data))
         notes = _long_term_notes(data, plan)
-    say_written([*files, *means.show(tables, folder, notes)])
+    display.say_written([*files, *means.show(tables, folder, notes)])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():
         for word, at in (("best", np.nanargmin(errors)), ("worst", np.nanargmax(errors))):
@@ -138,7 +131,7 @@ def run_sweep(
     if not failures:
         return ""
     text = f"{len(failures)} of {len(status)} runs did not reach their end"
-    return f"{text}: {listed(failures, CASES)}"
+    return f"{text}: {display.listed(failures, CASES)}"
 
 
 def say_run(plan: SweepDesign, folder: Path, word: str, run: int, error: float) -> None:
@@ -152,7 +145,7 @@ def say_run(plan: SweepDesign, folder: Path, word: str, run: int, error: float) 
 def notes_of(plan: SweepDesign) -> list[str]:
     """Check representative runs of a plan, and return notes on the first of each structure."""
     firsts = {plan.name(int(runs[0])) for runs in plan.structures[:_MOST_TOLD]}
-    found = notes_of_cases(
+    found = display.notes_of_cases(
         {
             name: plausibility_warnings(prepared)
             for name, prepared in checked_runs(plan, plan.examples(_MOST_TRIED), plan.option)
@@ -186,7 +179,9 @@ def _run(
         bar.update(task, completed=saved, reached=reached)
 
     try:
-        return run_batches(plan, store, pool, done, report, stop, lambda text: say_notes([text]))
+        return run_batches(
+            plan, store, pool, done, report, stop, lambda text: display.say_notes([text])
+        )
     finally:
         pool.close()
 
@@ -223,7 +218,7 @@ def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = Non
             rows.append(["time within tolerance over all of it", *[""] * 6, f"{part:.2%}"])
         if np.isfinite(life := float(data.get("combined_life", np.nan))):
             rows.append(["fatigue life over all of it", *[""] * 6, f"{life:.3g} year"])
-    return new_table(data.attrs["title"], heads, rows, box=box.SIMPLE, pad_edge=False)
+    return display.new_table(data.attrs["title"], heads, rows, box=box.SIMPLE, pad_edge=False)
 
 
 def extremes_table(data: xr.Dataset) -> Table:
@@ -235,7 +230,7 @@ def extremes_table(data: xr.Dataset) -> Table:
         low, high = map(unit.number, found[name].values[-1, 1:])
         rows.append([head_of(name, unit), *map(unit.number, numbers), f"{low} to {high}"])
     heads = ["exceeded once in (year)", *periods, f"95 % interval, {periods[-1]}"]
-    return new_table("Over all of it", heads, rows, box=box.SIMPLE, pad_edge=False)
+    return display.new_table("Over all of it", heads, rows, box=box.SIMPLE, pad_edge=False)
 
 
 def _long_term_notes(data: xr.Dataset, plan: SweepDesign) -> list[str]:
@@ -252,7 +247,7 @@ def _long_term_notes(data: xr.Dataset, plan: SweepDesign) -> list[str]:
 
 def estimate_sweep(plan: SweepDesign, workers: int, scheduler: str | None) -> None:
     """Estimate the cost of a sweep from a trial of its first run; write nothing."""
-    say_notes(notes_of(plan))
+    display.say_notes(notes_of(plan))
     if scheduler is not None:
         pool = open_pool(workers, scheduler)
         workers = sum(pool.workers().values())
@@ -274,7 +269,7 @@ def estimate_sweep(plan: SweepDesign, workers: int, scheduler: str | None) -> No
         ("hours", f"{hours:.3g}" if workers else "unknown: the scheduler has no workers"),
         ("gigabytes", f"{size:.2g}"),
     )
-    console.print(new_table(plan.scenario.title or None, (), rows, show_header=False))
+    console.print(display.new_table(plan.scenario.title or None, (), rows, show_header=False))
 
 
 def _play(plan: SweepDesign, seconds: float) -> float:
