@@ -111,8 +111,7 @@ class Waves(Flow):
         """Draw waves with a JONSWAP spectrum (Hasselmann et al. 1973) at a fixed point.
 
         Their variance is ``(significant_height / 4)^2`` exactly. ``direction`` is the mean
-        direction of travel (rad), ``spreading`` as in `drawn`. Others as
-        in `drawn`.
+        direction of travel (rad); ``spreading`` and others as in `drawn`.
         """
         along = _headings(np.asarray([direction]), len(current)) @ np.asarray(current, float)
         stop = float(stopped(-along, depth, gravity)[0]) * (1 - 1e-9)
