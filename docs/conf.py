@@ -82,6 +82,7 @@ nitpick_ignore_regex = [
         r"crinoid\.simulation\.loop\..*|crinoid\.actuation\.actuator\.Actuators|crinoid\.rod\.section\.Rod",
     ),
     (r"py:class", r"crinoid\.control\.(braking|hybrid|lqg|mpc|neural|observer|policy|qp)\..*"),
+    (r"py:class", r"(crinoid\.assembly\.response\.)?ResponseParameters"),
     (r"py:class", r"Float\[Array|Mapping\[int|Recording|Scene|tuple\[(Sensor|float)"),
     # type variables
     (r"py:class", r"crinoid\.results\.result\.Tree|crinoid\.compilation\.program\.[PR]|P"),

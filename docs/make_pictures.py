@@ -118,6 +118,12 @@ PICTURES = (
     _report("swing-up.png", "swing-up", "An arm too heavy to stand is swung up and balanced."),
     _report("wave-zone.png", "wave-zone", "The arm below waves, with and without control."),
     _report("debris-strike.png", "debris-strike", "Balls drift into the arm."),
+    Picture(
+        "ship-wake.png",
+        "A launch passes an arm: its wake, and the surface at the arm.",
+        ("python examples/ship_wake.py ship-wake.png",),
+        "ship-wake.png",
+    ),
     _report("ship-motion.png", "ship-motion", "The arm below a ship, with and without control."),
     Picture(
         "buoy-sea.png",
@@ -125,6 +131,7 @@ PICTURES = (
         ("crinoid flow buoy-sea --out x",),
         "x/waves.png",
     ),
+    _report("ship-rao.png", "ship-rao", "The arm below the bow of a ship that waves move."),
     _report("station-keeping-3d.png", "station-keeping-3d", "In space, across a swell."),
     _report("reef.png", "reef", "An arm rests on a rock, and holds its tip in a swell."),
     _report("spiral.png", "spiral", "A coil that was pulled straight winds up.", "bending.png"),

@@ -13,6 +13,7 @@ from crinoid.analysis.sea_record import (
     record_dataset,
     record_spectrum,
     record_statistics,
+    scatter,
     tide,
     turbulence_intensity,
 )
@@ -21,7 +22,7 @@ from crinoid.numerics.signals_and_systems import von_karman
 from crinoid.recording.series import FilledRecord
 from crinoid.scenario import Scenario
 from crinoid.view.figures import write_report
-from helpers.command import succeeded
+from helpers.command import refused, succeeded
 from helpers.figures import assert_shows_something
 
 EARTH = ("east", "north", "up")
@@ -103,6 +104,15 @@ def test_a_histogram_adds_up_and_has_the_mean():
     assert centres @ shares == pytest.approx(speed.mean(), abs=0.025)
     first, *others = histogram(np.zeros(5))[1]
     assert (first, any(others)) == (1.0, False)
+
+
+def test_a_scatter_diagram_has_the_occupied_bins():
+    # widths of 0.5 and 1: the largest of 1, 2, 5 times a power of ten with six bins
+    states = np.array([[0.5, 6.0], [0.9, 6.9], [0.49, 6.0], [3.2, 9.9], [0.7, 6.2]])
+    centres, shares = scatter(states)
+    np.testing.assert_allclose(centres, [[0.25, 6.5], [0.75, 6.5], [3.25, 9.5]])
+    np.testing.assert_allclose(shares, [0.2, 0.6, 0.2])
+    np.testing.assert_allclose(scatter(np.array([[0.6], [1.3]]))[0], [[0.7], [1.3]])  # no round-off
 
 
 def test_the_spectrum_has_the_period_and_the_variance_of_a_sine():
@@ -301,3 +311,65 @@ def test_times_without_a_date_and_latitudes_in_words_are_summed_up(here, unit):
     rows = "".join(f"{k},36N,0.{k}\n" for k in range(4))
     (here / "odd.csv").write_text(f"time ({unit}),lat,u (m/s)\n{rows}")
     assert "4 samples each" in succeeded("flow", "odd.csv")
+
+
+BUOY = """#YY  MM DD hh mm WDIR WSPD  WVHT   DPD   APD MWD
+#yr  mo dy hr mn degT m/s     m   sec   sec degT
+2024 01 01 00 40 250  5.0  1.10  6.25  5.00 999
+2024 01 01 01 40 250  5.0 99.00 99.00 99.00 999
+2024 01 01 02 40 250  5.0  1.40  6.67  5.00 999
+2024 01 01 03 40 250  5.0  4.10  9.09  7.00 999
+2024 01 01 04 40 250  5.0  1.20  6.67    MM 999
+"""
+
+
+def rows_of(file):
+    with file.open() as stream:
+        head, *rows = csv.reader(stream)
+    return head, [[float(cell) for cell in row] for row in rows]
+
+
+def test_waves_of_a_buoy_become_a_scatter_diagram(here):
+    (here / "buoy.txt").write_text(BUOY)
+    written = succeeded("flow", "buoy.txt", "--out", "sea")
+    assert "1 of 5 rows lack a value and are left out" in written
+    assert re.search(r"largest significant height \(m\) +│ 4.1", written)
+    head, rows = rows_of(here / "sea" / "scatter.csv")
+    assert head == ["flow.0.significant_height", "flow.0.peak_period", "share of time"]
+    np.testing.assert_allclose(rows, [[1.25, 6.5, 0.75], [4.25, 9.5, 0.25]])
+    # without peak periods their mean ones are those of a JONSWAP spectrum: Tp = 1.286 Tz
+    (here / "buoy.txt").write_text(BUOY.replace("DPD", "xxx"))
+    written = succeeded("flow", "buoy.txt", "--out", "sea")
+    assert "APD is a mean period: peak periods are 1.286 times as long" in written
+    assert "2 of 5 rows" in written
+    assert rows_of(here / "sea" / "scatter.csv")[1][-1][1] == pytest.approx(9.5)  # 9.002
+    (here / "sea" / "scatter.csv").write_text("mine")
+    assert "scatter.csv was not written by crinoid" in refused("flow", "buoy.txt", "--out", "sea")
+    assert "--set: got" in refused("flow", "buoy.txt", "--set", "water.depth=3")
+
+
+def test_waves_and_current_of_one_file_have_bins_together(here):
+    waves = "sea_surface_wave_significant_height"
+    values = {
+        "EWCT": ([0.3, 0.4, np.nan, 0.1], {"units": "m s-1"}),
+        "NSCT": ([0.4, 0.3, 0.1, 0.0], {"units": "m s-1"}),
+        "waves": ([1.2, 1.3, 1.1, 3.1], {"units": "m", "standard_name": waves}),
+        "VTPK": ([6.1, 6.2, 6.3, 9.1], {"units": "s"}),
+    }
+    time = {"TIME": ("TIME", np.arange(4) / 24, {"units": "days since 2024-01-01"})}
+    dims = ("TIME", "DEPTH")
+    data = {name: (dims, np.array(each)[:, None], about) for name, (each, about) in values.items()}
+    xr.Dataset(data, time).to_netcdf(here / "station.nc")
+    assert "1 of 4 rows lack a value" in succeeded("flow", "station.nc", "--out", "sea")
+    head, rows = rows_of(here / "sea" / "scatter.csv")
+    assert head[2:] == ["flow.1.velocity.0", "share of time"]
+    np.testing.assert_allclose(
+        rows, [[1.25, 6.5, 0.525, 2 / 3], [3.25, 9.5, 0.125, 1 / 3]], rtol=1e-5
+    )
+    assert (here / "sea" / "histogram.csv").exists()
+
+
+def test_waves_at_several_places_are_refused(here):
+    states = {name: (("time", "lat"), np.ones((3, 2))) for name in ("swh", "pp1d")}
+    xr.Dataset(states, {"time": [0.0, 1.0, 2.0]}).to_netcdf(here / "grid.nc")
+    assert "swh has dimensions time, lat; must have one dimension" in refused("flow", "grid.nc")

@@ -31,7 +31,7 @@ DERIVED, STRUCTURE = (
     for table in PAGE.read_text().split("## What stays")[1].split("|---|---|")[1:]
 )
 """Numbers that follow from several keys or none, and those whose keys change the structure too."""
-LIBRARY = ["buoy-sea", "reef", "ship-motion", "tidal-channel"]
+LIBRARY = ["buoy-sea", "reef", "ship-motion", "ship-rao", "tidal-channel"]
 """Built-in scenarios with files."""
 SENSORS = ("Contact", "Inclination", "Shape", "Wrench", "Current")
 UNUSED = {

@@ -69,6 +69,16 @@ PLANE = {
         },
         {"kind": "waves", "significant_height": 0.3, "peak_period": 3.0, "components": 4},
         {"kind": "regular-wave", "height": 0.2, "period": 2.5, "phase_deg": 30.0} | ONSET,
+        {
+            "kind": "ship-wake",
+            "speed": 3.0,
+            "distance": 8.0,
+            "direction_deg": 10.0,
+            "time": -9.0,
+            "length": 6.0,
+            "beam": 1.2,
+            "draught": 0.35,
+        },
     ],
     "load": [
         {"kind": "tip", "force": [0.1, 0.2], "moment": 0.01, "stop": 3.0} | ONSET,

@@ -287,6 +287,32 @@ def test_intervals_of_return_levels_hold_as_often_as_they_say(count):
     assert held == pytest.approx(0.9, abs=3 * np.sqrt(0.9 * 0.1 / trials))
 
 
+def test_a_return_level_over_conditions_solves_their_mixed_distribution():
+    maxima, shares = [np.array([1.0, 1.2, 1.7, 1.4]), np.array([3.0, 2.1, 2.6])], [0.99, 0.01]
+
+    def exceeded(level):
+        """Add up by hand: L-moments by probability weights, Gumbel's distribution, shares."""
+        found = 0.0
+        for values, share in zip(map(np.sort, maxima), shares, strict=True):
+            weight = np.arange(values.size) / (values.size - 1)
+            scale = (2 * np.mean(weight * values) - values.mean()) / np.log(2)
+            location = values.mean() - np.euler_gamma * scale
+            found += share * (1 - np.exp(-np.exp(-(level - location) / scale)))
+        return found
+
+    fit = Gumbel(*maxima, shares=np.array(shares))
+    for runs in (20.0, 1e3, 1e8):
+        level = fit.return_level(runs)
+        assert level.low < level.value < level.high
+        assert exceeded(level.value) == pytest.approx(1 / runs, rel=1e-6)
+    # equal conditions are one, and a condition without spread is a step
+    alone, twice = Gumbel(maxima[0]), Gumbel(maxima[0], maxima[0], shares=np.array([0.3, 0.7]))
+    np.testing.assert_allclose(twice.return_level(1e4), alone.return_level(1e4), rtol=1e-12)
+    steady = Gumbel(maxima[0], np.full(3, 9.0), shares=np.array([0.9, 0.1]))
+    assert steady.return_level(1e4).value == pytest.approx(9.0, rel=1e-6)
+    assert steady.return_level(5.0).value < 2.0
+
+
 @pytest.mark.parametrize("maxima", [[1.0, 2.0], [1.0, 2.0, np.nan], [1.0, 1.0, 1.0]])
 def test_gumbel_needs_three_numbers_that_differ(maxima):
     with pytest.raises(ValueError, match="maxima: got"):

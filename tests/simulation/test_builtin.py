@@ -67,7 +67,14 @@ def test_one_channel_alone_does_clearly_worse(name, alone):
 
 @pytest.mark.parametrize(
     ("name", "ratio"),
-    [("tidal-channel", 0.10), ("gust-front", 0.20), ("wave-zone", 0.06), ("ship-motion", 0.08)],
+    [
+        ("tidal-channel", 0.10),
+        ("gust-front", 0.20),
+        ("wave-zone", 0.06),
+        ("ship-motion", 0.08),
+        ("ship-wake", 0.08),
+        ("ship-rao", 0.15),
+    ],
 )
 def test_moving_water_and_a_moving_ship_are_held_off(name, ratio):
     result = crinoid.simulate(crinoid.load(name))

@@ -112,7 +112,7 @@ def test_ctrl_c_saves_the_runs_that_are_complete(folder, tmp_path, monkeypatch):
     def reporter(bar, prefix):
         return lambda reached: reached.label != "pid" or signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("crinoid.cli.compare.reporter", reporter)
+    monkeypatch.setattr("crinoid.cli.display.reporter", reporter)
     ended = call("compare", folder / "small.toml", "--seeds", 2, "--out", tmp_path)
     assert ended.exit_code == 130
     saved = xr.load_dataset(tmp_path / "compare.nc")

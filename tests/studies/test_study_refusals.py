@@ -7,7 +7,7 @@ import pytest
 import tomli_w
 import xarray as xr
 
-from crinoid.cli.weights import shares_of_time
+from crinoid.cli.weights import read_weights
 from crinoid.results.report_error import ReportError
 from crinoid.scenario import Scenario
 from crinoid.studies.batch import batch_of
@@ -63,6 +63,14 @@ MISTAKES = [
     (sweep(SPAN, sampling="lhs", count=0), "--count: got 0"),
     (sweep(SPAN, sampling="lhs", count=10**9), "--count: got 1000000000"),
     (sweep(GRID, count=4), "--count: needs --sample"),
+    (sweep(GRID, rows={YOUNG: [1e6]}), "--weights: excludes --vary"),
+    (sweep(rows={YOUNG: [1e6]}, sampling="lhs", count=4), "--weights: excludes --vary"),
+    (sweep(rows={"arm.lengt": [0.3]}), "--weights: .*arm.lengt: unknown key; did you mean arm.len"),
+    (sweep(GRID, sampling="rows"), "--sample: rows needs --weights FILE"),
+    (
+        plan(sampling="rows", varied={"arm.length": [0.3], "arm.radius": [0.01, 0.02]}),
+        r"varied: got \[1, 2\] values in rows; must be as many of each key",
+    ),
     (plan(version="0.0.1"), 'version: got "0.0.1"'),
     (plan(count="1"), 'count: got "1"; must be of type int'),
     (plan(varied={"arm.nodes": "5:200004:200000"}), "--batch: makes 200000 batches, a file each"),
@@ -93,22 +101,24 @@ def test_a_mistake_in_python_is_one_line(call, line):
 
 
 @pytest.mark.parametrize(
-    ("vary", "text", "line"),
+    ("text", "line"),
     [
-        ("arm.length=0.5,1.0 water.density=1000,1025", "", "needs one key"),
-        ("flow.0.velocity.0=0.1,0.2", "", "must have numbers in columns"),
-        ("flow.0.velocity.0=0.1,0.2", "0.1,few\n", "must have numbers in columns"),
-        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.2,0.4\n", "add up to 0.8"),
-        ("flow.0.velocity.0=0.1,0.2", "0.1,1.2\n0.2,-0.2\n", "shares of time of -0.2 or more"),
-        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.5,0.6\n", "60.00% of the time is far from 0.1"),
-        ("control.kind=pid,lqg", "0.1,1.0\n", "control.kind has values that are no speeds"),
+        ("", 'must have finite numbers in a column "share of time" and in one for each key'),
+        ("share of time\n1\n", "must have finite numbers in a column"),
+        ("water.depth,share of time\n9,few\n", "must have finite numbers in a column"),
+        ("water.depth,share of time\n9\n", "must have finite numbers in a column"),
+        ("water.depth,share\n9,1\n", "must have finite numbers in a column"),
+        (
+            "water.depth,share of time\n8,0.4\n9,0.4\n",
+            "shares of time of 0.4 or more that add up to",
+        ),
+        ("water.depth,share of time\n8,1.2\n9,-0.2\n", "shares of time of -0.2 or more"),
     ],
 )
-def test_weights_that_do_not_fit_are_one_line(tmp_path, vary, text, line):
-    file = tmp_path / "histogram.csv"
-    file.write_text("speed (m/s),share of time\n" + text)
-    found = mistake(shares_of_time, SweepDesign.of(ARM, vary.split()), file)
-    assert re.match(f"--weights: .*{line}", found)
+def test_weights_that_do_not_fit_are_one_line(tmp_path, text, line):
+    file = tmp_path / "scatter.csv"
+    file.write_text(text)
+    assert re.match(f"--weights: .*{line}", mistake(read_weights, file))
 
 
 COMMANDS = {

@@ -101,9 +101,9 @@ def sweep(arm: Path, out: Path, *more: str, crew=None, vary=VARY):
         return call("sweep", arm, *vary, "--out", out, *more)
 
 
-def swept(arm: Path, out: Path, *more: str, crew=None) -> str:
+def swept(arm: Path, out: Path, *more: str, crew=None, vary=VARY) -> str:
     """Return what a sweep prints that must succeed."""
-    ended = sweep(arm, out, *more, crew=crew)
+    ended = sweep(arm, out, *more, crew=crew, vary=vary)
     assert ended.exit_code == 0, ended.output
     return ended.stdout
 
@@ -169,6 +169,39 @@ def test_means_over_the_seeds_are_in_a_file(clean):
     ends = stats.ttest_1samp(errors[:2], 0.0).confidence_interval()
     np.testing.assert_allclose([float(found[0][end]) for end in ("low", "high")], ends)
     assert {row["measure"] for row in rows} > {"max_base_force", "max_strain"}
+
+
+@pytest.mark.slow
+def test_a_sweep_over_shares_of_time_has_extremes_by_return_period(arm, tmp_path):
+    weights, out = tmp_path / "scatter.csv", tmp_path / "year"
+    text = "arm.length,flow.0.mean.0,share of time\n0.3,0.1,0.9\n0.6,0.2,0.1\n"
+    weights.write_text(text)
+    vary = ("--weights", weights, "--seeds", "3")
+    assert re.search(r"runs +│ 6 ", call("sweep", arm, *vary, "--dry-run").stdout)
+    printed = swept(arm, out, vary=vary)
+    assert "note: extremes extrapolate 3 seeds of 0.1 s in each case to 100 years" in printed
+    data = study(out)
+    np.testing.assert_allclose(data["share_of_time"], [0.3] * 3 + [0.1 / 3] * 3)
+    np.testing.assert_allclose(data["flow.0.mean.0"], [0.1] * 3 + [0.2] * 3)
+    columns, rows = read_rows(out / "extremes.csv")
+    assert columns == ["measure", "units", "return_period", "value", "low", "high"]
+    found = [float(row["value"]) for row in rows if row["measure"] == "max_error"]
+    years = [float(row["return_period"]) for row in rows if row["measure"] == "max_error"]
+    assert years == [1.0, 10.0, 50.0, 100.0]
+    np.testing.assert_array_equal(found, data["max_error_by_return_period"].sel(estimate="value"))
+    assert float(data["max_error"].max()) < found[0] < found[-1]
+    weights.write_text(text.replace("0.3,", "0.4,"))
+    line = one_line(sweep(arm, out, "--resume", vary=vary))
+    assert "--resume: the sweep in" in line
+    weights.write_text(text)
+    saved(out)[0].unlink()
+    swept(arm, out, "--resume", vary=vary)
+    xr.testing.assert_identical(study(out), data)
+    succeeded("run", "--case", out, "4")
+    assert Result.load(out / "case-04").scenario.arm.length == 0.6
+    assert "no extremes by return period from 2 seeds" in swept(
+        arm, tmp_path / "few", vary=("--weights", weights, "--seeds", "2")
+    )
 
 
 @pytest.mark.release

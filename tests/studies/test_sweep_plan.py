@@ -7,10 +7,12 @@ import pytest
 import xarray as xr
 
 from crinoid.cli.sweep import sweep_table
-from crinoid.cli.weights import shares_of_time
+from crinoid.cli.weights import read_weights
+from crinoid.results.extremes import Gumbel
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.variation import Span, read_variation
 from crinoid.studies.design import Design
+from crinoid.studies.sweep.long_term import extremes_of, over_all_time
 from crinoid.studies.sweep.plan import SweepDesign
 
 ARM = Scenario(arm={"nodes": 5}, simulation={"duration": 0.1})
@@ -151,28 +153,45 @@ def test_files_that_vary_are_found_again_and_known_by_their_content(tmp_path, mo
     assert SweepDesign.of(scenario, ["target.file=a.csv,b.csv"]).files != plan.files
 
 
-def test_weights_are_the_shares_of_the_nearest_speeds(tmp_path):
-    file = tmp_path / "histogram.csv"
-    file.write_text('"speed (m/s)","share of time"\n0.05,0.1\n0.15,0.4\n0.25,0.3\n0.35,0.2\n')
-    flow = [{"kind": "uniform", "velocity": [0.1, 0.0]}]
-    scenario = Scenario(flow=flow)
-    plan = SweepDesign.of(scenario, ["flow.0.velocity=[0.1, 0.0],[0.0, -0.3]"], seeds=2)
-    np.testing.assert_allclose(shares_of_time(plan, file), [0.25, 0.25, 0.25, 0.25])
-    plan = SweepDesign.of(scenario, ["flow.0.velocity.0=0.06:0.36:4"])
-    np.testing.assert_allclose(shares_of_time(plan, file), [0.1, 0.4, 0.3, 0.2])
-
-
-def test_weights_of_cases_are_the_shares_of_their_rows(tmp_path):
+def test_the_rows_of_a_table_are_the_cases(tmp_path):
     file, keys = tmp_path / "scatter.csv", ("flow.0.amplitude.1", "flow.0.frequency_hz")
-    file.write_text(f"{','.join(keys)},share of time\n0.1,0.2,0.7\n0.2,0.1,0.2\n0.1,0.2,0.1\n")
+    file.write_text(f"{','.join(keys)},share of time\n0.1,0.2,0.7\n1,0.3,0\n0.2,1,0.3\n")
     scenario = Scenario(flow=[{"kind": "sine", "amplitude": [0.0, 0.1], "frequency_hz": 0.1}])
-    texts = [f"{keys[0]}=0.1,0.2", f"{keys[1]}=0.1,0.2"]
-    expected = [0.0, 0.0, 0.4, 0.4, 0.1, 0.1, 0.0, 0.0]
-    np.testing.assert_allclose(
-        shares_of_time(SweepDesign.of(scenario, texts, seeds=2), file), expected
-    )
-    with pytest.raises(ScenarioError, match=r"no run has flow.0.amplitude.1.* = 0.1, 0.2, and 80"):
-        shares_of_time(SweepDesign.of(scenario, [texts[0], f"{keys[1]}=0.1,0.3"]), file)
+    rows, shares = read_weights(file)
+    assert shares.tolist() == [0.7, 0.3]  # without a share there is no case
+    plan = SweepDesign.of(scenario, [], rows=rows, seeds=2)
+    assert (plan.sampling, plan.option) == ("rows", "--weights")
+    columns = [column(plan, key) for key in (*keys, "seed")]
+    assert columns == [[0.1, 0.1, 0.2, 0.2], [0.2, 0.2, 1.0, 1.0], [0, 1, 0, 1]]
+    assert plan.case(3).flow[0].amplitude == (0.0, 0.2)
+    assert len(plan.structures) == 1
+    assert {1, 3} <= set(plan.examples(2))  # both rows
+    again = SweepDesign.from_toml(plan.to_toml())
+    assert [again.values(run) for run in range(1, 5)] == [plan.values(run) for run in range(1, 5)]
+
+
+def test_statistics_over_all_time_are_those_by_hand():
+    scenario = ARM.with_values({"simulation.duration": 100.0, "target.judged_from": 40.0})
+    plan = SweepDesign.of(scenario, ["arm.length=0.3,0.4"], seeds=3)
+    shares = np.repeat([0.8, 0.2], 3) / 3
+    known = {
+        "within_tolerance": [1.0, 0.9, 0.8, 0.5, np.nan, 0.1],  # the fifth run failed
+        "life": [10.0] * 3 + [2.0] * 3,
+        "max_error": [1.0, 1.2, 1.7, 2.0, 2.5, 4.0],
+        "max_base_force": [1.0, 1.2, 1.7, 2.0, np.nan, 4.0],
+        "max_error_time": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+    }
+    about = {"units": "m", "long_name": "largest"}
+    data = xr.Dataset({name: ("run", each, about) for name, each in known.items()})
+    found = over_all_time(data, plan, shares)
+    assert float(found["combined_within_tolerance"]) == pytest.approx(0.8 * 0.9 + 0.2 * 0.2)
+    assert float(found["combined_life"]) == pytest.approx(1 / (0.8 / 10 + 0.2 / 2))
+    extremes = extremes_of(found)
+    assert list(extremes) == ["max_error"]  # too few runs have a force
+    rows = np.reshape(known["max_error"], (2, 3))
+    level = Gumbel(*rows, shares=np.array([0.8, 0.2])).return_level(10 * 365.25 * 86400 / 60)
+    np.testing.assert_allclose(extremes["max_error"].sel(return_period=10.0), level)
+    assert not extremes_of(over_all_time(data, replace(plan, seeds=1), shares))
 
 
 def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
@@ -187,4 +206,8 @@ def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
     assert next(iter(table.columns[0].cells)) == "RMS tip error (m)"
     assert last[0] == "1.33"  # (0.6 + 0.6) / 0.9
     assert last[-1] == "90.00%"
+    data = data.assign(combined_within_tolerance=0.932, combined_life=4.0)
+    table = sweep_table(data, np.array([0.6, 0.3, 0.1]))
+    assert list(table.columns[0].cells)[-2] == "time within tolerance over all of it"
+    assert list(table.columns[-1].cells)[-2:] == ["93.20%", "4 year"]
     assert len(sweep_table(data).columns) == len(table.columns) - 1

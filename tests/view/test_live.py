@@ -2,7 +2,6 @@
 
 import logging
 import threading
-from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -380,13 +379,13 @@ def test_props_suit_the_scenario_and_a_session_ends_with_its_tables(session, mon
     assert session.bodies.duration == 3600.0
     thin = session.scenario.with_values({"arm.section.diameter": 0.0})
     assert InteractiveBodies.suited_to(thin, {}).debris is None
-    monkeypatch.setattr(session, "bodies", replace(session.bodies, debris=None))
+    monkeypatch.setattr(session, "bodies", session.bodies._replace(debris=None))
     with pytest.raises(ScenarioError, match="surface to hit"):
         session.throw()
     table = {"channel": "slide", "kind": "table", "time": [0.0, 2.0], "value": [0.0, 0.1]}
     moved = session.scenario.with_values({"base.motion": [table]})
     assert InteractiveBodies.suited_to(moved, {}).duration == 2.0
-    monkeypatch.setattr(session, "bodies", replace(session.bodies, duration=0.2))
+    monkeypatch.setattr(session, "bodies", session.bodies._replace(duration=0.2))
     assert session.advance(50) == 20
     assert session.halted.startswith("over at t = 0.2 s")
 

@@ -62,7 +62,7 @@ def test_debris_starts_where_no_obstacle_is_or_is_refused(session, monkeypatch):
     apart = session.bodies.debris.radius + session.scenario.obstacle[0].radius
     assert np.linalg.norm(other - usual) > apart
     only = [(usual[[0, 2]], np.zeros(2))]
-    monkeypatch.setattr("crinoid.view.live.session.launch_paths", lambda *_: only)
+    monkeypatch.setattr("crinoid.view.live.interactive.launch_paths", lambda *_: only)
     with pytest.raises(ScenarioError, match="debris: got obstacles around the arm; must have room"):
         session.throw()
     np.testing.assert_array_equal(session.look().obstacles[-1], other)

@@ -27,10 +27,8 @@ from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.scenario import scenario_schema
 
-CURVE = "curve.nc"
-"""File of the equilibria of `crinoid equilibrium --vary`."""
-BRANCHES = ("forward", "backward")
-"""Ways along the values: from the first to the last, and back."""
+CURVE = "curve.nc"  # file of the equilibria of `crinoid equilibrium --vary`
+BRANCHES = ("forward", "backward")  # ways along the values: from the first to the last, and back
 
 _SAME = 1e-5
 """Distance between the shapes of both branches over the length, below which they are one."""
@@ -79,8 +77,7 @@ def equilibria(scenario: Source, vary: str) -> xr.Dataset:
 
 
 class _Shape(NamedTuple):
-    position: Float[np.ndarray, "node axis"]
-    """In the world (m)."""
+    position: Float[np.ndarray, "node axis"]  # in the world (m)
     turn: float
     curvature: float
 

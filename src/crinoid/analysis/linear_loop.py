@@ -43,12 +43,10 @@ class LinearLoop(NamedTuple):
     """A loop that is cut at the commands, and its poles when it is closed."""
 
     open: OpenLoop
-    inputs: tuple[str, ...]
-    """Names of the inputs that are driven."""
+    inputs: tuple[str, ...]  # names of the inputs that are driven
     poles: Complex[np.ndarray, " pole"]
     """Poles of the closed loop (1/s), the one that dies down last first; of the weakest water."""
-    water: str
-    """The weakest water (`OpenLoop.weakest`)."""
+    water: str  # the weakest water (`OpenLoop.weakest`)
 
 
 class LinearPlant(NamedTuple):
@@ -57,10 +55,8 @@ class LinearPlant(NamedTuple):
     systems: dict[str, System]
     """From commands to readings and states of the actuators, in each water."""
     inputs: tuple[str, ...]
-    period: float
-    """Time between two commands (s)."""
-    frequency: Float[np.ndarray, " f"]
-    """Where its response is known (Hz)."""
+    period: float  # time between two commands (s)
+    frequency: Float[np.ndarray, " f"]  # where its response is known (Hz)
     response: Complex[np.ndarray, "water f output input"]
 
     @staticmethod

@@ -160,10 +160,8 @@ class _Disturbance(Everywhere):
 
     steady: ClassVar[bool] = False
     onset: Onset
-    change: Float[Array, "2 d"]
-    """Velocity (m/s) and acceleration (m/s2)."""
-    since: Float[Array, ""]
-    """Time at which the velocity has that value (s)."""
+    change: Float[Array, "2 d"]  # velocity (m/s) and acceleration (m/s2)
+    since: Float[Array, ""]  # time at which the velocity has that value (s)
 
     def at(self, time: Float[Array, ""]) -> Float[Array, " d"]:
         return self.change[0] + self.change[1] * (time - self.since)
@@ -173,12 +171,9 @@ class _OperatingPoint(NamedTuple):
     """State that a model is linear about, and what a time step does not show of it."""
 
     still: State
-    arm: Float[Array, " a"]
-    """Coordinates of the arm."""
-    actuators: Float[Array, " s"]
-    """Numbers in the states of the actuators."""
-    drives: Float[Array, " input"]
-    """Drive of each input, in its unit."""
+    arm: Float[Array, " a"]  # coordinates of the arm
+    actuators: Float[Array, " s"]  # numbers in the states of the actuators
+    drives: Float[Array, " input"]  # drive of each input, in its unit
     drives_by_actuators: Float[Array, "input s"]
     by_water: Float[Array, "y c"]
     """Values of the sensors by velocity and acceleration of the water at the same instant."""

@@ -22,8 +22,7 @@ from crinoid.simulation.setup import Setup
 
 Matrix = Float[np.ndarray, "m n"]
 
-GROWS = 1e-6
-"""By how much a pole may lie outside of the unit circle, by round-off."""
+GROWS = 1e-6  # by how much a pole may lie outside of the unit circle, by round-off
 
 
 class System(NamedTuple):
@@ -68,16 +67,11 @@ class SampledPlant(NamedTuple):
     """
 
     system: System
-    period: float
-    """Time between two commands (s)."""
-    commands: int
-    """Number of inputs that are commands, the first ones."""
-    observed: Matrix
-    """Values of the sensors without delay, by arm and actuators."""
-    late: list[int]
-    """How many periods ago each value of the sensors was taken, rounded up."""
-    values: Float[np.ndarray, " y"]
-    """Values of the sensors at the state that it is linear about."""
+    period: float  # time between two commands (s)
+    commands: int  # number of inputs that are commands, the first ones
+    observed: Matrix  # values of the sensors without delay, by arm and actuators
+    late: list[int]  # how many periods ago each value of the sensors was taken, rounded up
+    values: Float[np.ndarray, " y"]  # values of the sensors at the state that it is linear about
 
     @staticmethod
     def of(

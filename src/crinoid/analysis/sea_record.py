@@ -15,9 +15,9 @@ from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import described
 from crinoid.results.units import round_down
 
-RECORD, HISTOGRAM = "record.nc", "histogram.csv"
-SPEED, SHARE = "speed (m/s)", "share of time"
-"""Columns of a histogram: centre of a bin, and its share."""
+RECORD, HISTOGRAM, SCATTER = "record.nc", "histogram.csv", "scatter.csv"
+SEA_KEYS = ("flow.0.significant_height", "flow.0.peak_period", "flow.1.velocity.0")
+"""Keys of a scenario with waves and a current after them: columns of a scatter diagram."""
 
 _WINDOW = 600.0  # time (s) over which turbulence is steady enough for statistics
 _TURBULENT = 1.0  # interval (s) from which on samples are too far apart for turbulence
@@ -32,7 +32,8 @@ NO_MEAN = 0.05
 _STEADY = 1e-6  # a standard deviation of less than this part of the largest speed is round-off
 _APART = 0.3
 """Smallest share of a constituent that is linearly independent of the other constituents."""
-_BINS = 15  # fewest bins of speed up to the largest
+_BINS, _BINS_OF_SEA = 15, 6  # fewest bins up to the largest speed, height or period
+_EDGE = 1e-9  # relative round-off of a value at the edge of a bin
 
 Velocity = Float[np.ndarray, "time component"]
 Filled = Bool[np.ndarray, " time"]
@@ -136,6 +137,16 @@ def histogram(
     count = int(most / width) + 1
     shares = np.bincount((speed / width).astype(int), minlength=count) / speed.size
     return width * (np.arange(shares.size) + 0.5), shares
+
+
+def scatter(
+    values: Float[np.ndarray, "time quantity"],
+) -> tuple[Float[np.ndarray, "bin quantity"], Float[np.ndarray, " bin"]]:
+    """Return the centres of occupied bins of positive values, of round widths, and their shares."""
+    widths = [round_down((float(most) or 1.0) / _BINS_OF_SEA) for most in values.max(axis=0)]
+    places = np.floor(values / widths * (1 + _EDGE)).astype(int)
+    cells, counts = np.unique(places, axis=0, return_counts=True)
+    return (cells + 0.5) * widths, counts / len(values)
 
 
 def record_spectrum(

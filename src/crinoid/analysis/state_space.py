@@ -27,12 +27,10 @@ if TYPE_CHECKING:
 
 Names = tuple[str, ...]
 
-RESPONSE = "response.nc"
-"""File of the response of the tip, which its figure shows."""
+RESPONSE = "response.nc"  # file of the response of the tip, which its figure shows
 _GRID, _LOWEST = 600, 1e-4  # number of frequencies of that, and the lowest one over the highest
 _ROUND_OFF = 1e-12  # Hankel singular value, over the largest, below which it is round-off
-SWINGS = 1e-2
-"""Share of the imaginary part of a pole above which a motion swings."""
+SWINGS = 1e-2  # share of the imaginary part of a pole above which a motion swings
 
 
 @dataclass(frozen=True, repr=False)

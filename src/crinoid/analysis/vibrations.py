@@ -31,8 +31,7 @@ from crinoid.scenario.library import Source
 
 MODES = "modes.nc"
 
-COUNT = 6
-"""How many modes are looked for, unless said."""
+COUNT = 6  # how many modes are looked for, unless said
 
 _GROWS = -1e-6  # damping ratio below which a vibration grows, and round-off does not account for it
 
@@ -40,10 +39,8 @@ _GROWS = -1e-6  # damping ratio below which a vibration grows, and round-off doe
 class Vibration(NamedTuple):
     """An arm at rest in a medium, and its small vibrations there."""
 
-    position: Float[np.ndarray, "node axis"]
-    """In the world (m)."""
-    current: tuple[float, ...]
-    """Velocity of the water (m/s)."""
+    position: Float[np.ndarray, "node axis"]  # in the world (m)
+    current: tuple[float, ...]  # velocity of the water (m/s)
     modes: DampedModes
 
 
@@ -249,7 +246,6 @@ def _unsettled(found: dict[str, Vibration]) -> list[str]:
 
 
 def _notes(scenario: Scenario, dataset: xr.Dataset) -> list[str]:
-    """Return what there is to know of modes, a sentence each."""
     found = []
     if scenario.floats:
         found.append("the submarine floats; these are modes of its arm while the base is held")

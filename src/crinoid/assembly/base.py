@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.assembly.arrays import array
+from crinoid.assembly.response import ResponseParameters
 from crinoid.base import BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
+from crinoid.flow import Flow
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
 from crinoid.numerics.ramp import Onset
 from crinoid.scenario import Scenario
 from crinoid.scenario import base_motion as motions
 from crinoid.scenario.base import ChannelLimits
+from crinoid.scenario.errors import gathered
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-    from crinoid.recording import Series
+    from crinoid.recording import Series, VesselResponse
 
 
 class BaseParameters(eqx.Module):
@@ -32,11 +37,13 @@ class BaseParameters(eqx.Module):
     """``tilt_deg``, in space ``pan_deg``, ``tilt_deg`` and ``roll_deg`` (rad)."""
     servo: Servo
     """Limits and bandwidths, one a channel."""
-    motion: tuple[BaseMotion, ...]
+    motion: tuple[BaseMotion | ResponseParameters, ...]
     mount: str = eqx.field(static=True)
 
     @staticmethod
-    def of(scenario: Scenario, series: Mapping[str, Series]) -> BaseParameters:
+    def of(
+        scenario: Scenario, series: Mapping[str, Series | VesselResponse], flows: Sequence[Flow]
+    ) -> BaseParameters:
         """Return the numbers of a scenario's base; ``series`` by table, from its files."""
         base, axes = scenario.base, scenario.arm.dimension
         return BaseParameters(
@@ -45,11 +52,21 @@ class BaseParameters(eqx.Module):
             servo=_servo(scenario),
             motion=tuple(
                 each
-                for index, motion in enumerate(base.motion)
-                for each in _motions(motion, scenario, series.get(f"base.motion.{index}"))
+                for key, motion in ((f"base.motion.{i}", m) for i, m in enumerate(base.motion))
+                for each in _motions(motion, scenario, flows, key, series.get(key))
             ),
             mount=base.mount,
         )
+
+    def motions(self, flows: Sequence[Flow]) -> tuple[BaseMotion, ...]:
+        """Return the prescribed motions, those of vessels in waves on their currents; traceable."""
+        given = (
+            each.motions(flows, self.position, self.angles)
+            if isinstance(each, ResponseParameters)
+            else (each,)
+            for each in self.motion
+        )
+        return tuple(chain.from_iterable(given))
 
 
 def _servo(scenario: Scenario) -> Servo:
@@ -61,15 +78,18 @@ def _servo(scenario: Scenario) -> Servo:
 
 
 def _motions(
-    motion: motions.Motion, scenario: Scenario, series: Series | None
-) -> Iterator[BaseMotion]:
+    motion: motions.Motion, scenario: Scenario, flows: Sequence[Flow], key: str, read: Any
+) -> Iterator[BaseMotion | ResponseParameters]:
     axes, duration = scenario.arm.dimension, scenario.simulation.duration
     channels = CHANNELS[axes]
+    if isinstance(motion, motions.ResponseMotion):
+        made = partial(ResponseParameters.of, motion, read, scenario.base.angles, flows)
+        yield gathered({key: made})[key]
+        return
     if isinstance(motion, motions.InFile):
-        assert series is not None
-        for name, values in zip(motion.moved(axes), series.values.T, strict=True):
+        for name, values in zip(motion.moved(axes), read.values.T, strict=True):
             # of a long record
-            curve = between(_curve(series.time, values, motion.interpolation), 0.0, duration)
+            curve = between(_curve(read.time, values, motion.interpolation), 0.0, duration)
             yield TableMotion(channels.index(name), PiecewisePolynomial(curve))
         return
     channel = channels.index(motion.channel)

@@ -36,7 +36,13 @@ from crinoid.rod import Rod
 from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 
 if TYPE_CHECKING:
-    from crinoid.recording import Recording, Sea, Series, SolidSurface  # xarray, slow to load
+    from crinoid.recording import (
+        Recording,
+        Sea,
+        Series,
+        SolidSurface,
+        VesselResponse,
+    )  # xarray, slow to load
 
 _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
     "newmark": Integrator.newmark,
@@ -303,7 +309,7 @@ class Parameters(Represented, eqx.Module):
     def of(
         scenario: Scenario,
         recordings: Mapping[int, Recording | Sea],
-        series: Mapping[str, Series],
+        series: Mapping[str, Series | VesselResponse],
         surfaces: Mapping[str, SolidSurface],
     ) -> Parameters:
         """Return the numbers of a scenario, with what was read from its files."""
@@ -324,7 +330,7 @@ class Parameters(Represented, eqx.Module):
         )
         return Parameters(
             arm=from_table(ArmParameters, scenario.arm, section=section, relaxation=relaxation),
-            base=BaseParameters.of(scenario, series),
+            base=BaseParameters.of(scenario, series, flows),
             water=WaterParameters.of(scenario, flows),
             flow=flows,
             load=tuple(numbers for _, numbers in loads),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crinoid.scenario import MeasuredFlow, Mesh, Scenario, Seabed
-from crinoid.scenario.base_motion import InFile
+from crinoid.scenario.base_motion import InFile, ResponseMotion
 from crinoid.scenario.document import digests
 from crinoid.scenario.errors import gathered, refusal
 from crinoid.scenario.library import Source, scenario_of
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Parts
     from crinoid.control import Sensor, Target
     from crinoid.dynamics import System
-    from crinoid.recording import Recording, Sea, Series, SolidSurface
+    from crinoid.recording import Recording, Sea, SolidSurface
 
 
 class Prepared:
@@ -103,10 +103,12 @@ class Prepared:
         return dict(zip(waves, gathered(readers).values(), strict=True))
 
     @cached_property
-    def series(self) -> dict[str, Series]:
-        """The series in the files of prescribed motions and of the target, by table."""
+    def series(self) -> dict[str, Any]:
+        """The series, or RAOs, in the files of prescribed motions and of the target, by table."""
         scenario = self.scenario
-        in_file = any(isinstance(motion, InFile) for motion in scenario.base.motion)
+        in_file = any(
+            isinstance(motion, InFile | ResponseMotion) for motion in scenario.base.motion
+        )
         if scenario.target.file is None and not in_file:
             return {}
         _ = self.digests
@@ -127,20 +129,30 @@ class Prepared:
     @property
     def count(self) -> int:
         """Number of numbers in its files."""
-        series = [values for each in self.series.values() for values in (each.time, each.values)]
+        series = [each for read in self.series.values() for each in vars(read).values()]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
         grids = [each.spline.coefficients for each in self.surfaces.values()]
         seas = [values for each in self.seas.values() for values in each.given.values()]
-        return sum(values.size for values in (*series, *records, *grids, *seas))
+        return sum(getattr(each, "size", 0) for each in (*series, *records, *grids, *seas))
 
     def notes(self) -> list[str]:
         """Return notes on the files of the scenario, a sentence each."""
         read = {f"flow.{index}": each for index, each in (self.recordings | self.seas).items()}
-        return [
+        notes = [
             f"{key}: {note}"
             for key, found in (read | self.series | self.surfaces).items()
             for note in found.notes
         ]
+        if vessels := {key: each for key, each in self.series.items() if hasattr(each, "beyond")}:
+            from crinoid.assembly.response import waves_of  # JAX: slow to load; few need it
+
+            notes += [
+                f"{key}: flow.{index}: {note}"
+                for index, flow in waves_of(self.parameters.flow)
+                for key, vessel in vessels.items()
+                if (note := vessel.beyond(flow))
+            ]
+        return notes
 
     @cached_property
     def parameters(self) -> Parameters:

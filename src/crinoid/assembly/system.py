@@ -97,7 +97,8 @@ def assemble(parameters: Parameters) -> System:
     vehicle = None
     if parameters.vehicle is not None:
         vehicle = parameters.vehicle.vehicle(water.density, water.gravity)
-    held = Base(base.angles, rod.rest_length[0], base.servo, base.motion)
+    flows = on_currents(parameters.flow, water.gravity)
+    held = Base(base.angles, rod.rest_length[0], base.servo, base.motions(flows))
     contact, hull = parameters.contact, parameters.hull
     far: tuple[FarContact, ...] = () if contact is None else contact.far_edges(rod)
     if hull is not None and contact is not None:  # a hull needs contact.self
@@ -106,7 +107,7 @@ def assemble(parameters: Parameters) -> System:
         reference=rod.reference,
         forces=Forces(
             (*elements, *through),
-            Water(on_currents(parameters.flow, water.gravity)),
+            Water(flows),
             base.position,
             obstacles,
             vehicle=vehicle,

@@ -9,5 +9,6 @@ from crinoid.base.base import Prescribed as Prescribed
 from crinoid.base.base import SineMotion as SineMotion
 from crinoid.base.base import TableMotion as TableMotion
 from crinoid.base.base import VelocityMotion as VelocityMotion
+from crinoid.base.base import WaveMotion as WaveMotion
 from crinoid.base.servo import Servo as Servo
 from crinoid.base.servo import ServoState as ServoState

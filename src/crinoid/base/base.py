@@ -1,6 +1,7 @@
 """Base of the arm: its prescribed motion, and the boundary nodes that follow it and its servos."""
 
 from abc import abstractmethod
+from types import EllipsisType
 
 import equinox as eqx
 import jax
@@ -18,12 +19,13 @@ Turns = tuple[tuple[Array, ...], tuple[Array, ...]]
 
 
 class BaseMotion(eqx.Module):
-    """A displacement of one channel as a function of time (m or rad)."""
+    """A displacement of one channel, or of all, as a function of time (m or rad)."""
 
-    channel: eqx.AbstractVar[int]
+    channel: eqx.AbstractVar[int | EllipsisType]
+    """The channel, or ``...``: each."""
 
     @abstractmethod
-    def displacement(self, time: Time) -> Float[Array, ""]:
+    def displacement(self, time: Time) -> Float[Array, "*channel"]:
         """Return the displacement at ``time`` (s)."""
 
     def derivatives(self, time: Time) -> tuple[Array, Array, Array]:
@@ -72,6 +74,31 @@ class TableMotion(BaseMotion):
 
     def displacement(self, time: Time) -> Float[Array, ""]:
         return self.table(time)[0]
+
+
+class WaveMotion(BaseMotion):
+    """First-order motion of all channels with surface waves.
+
+    The sum of ``cosine cos(theta) - sine sin(theta)`` with ``theta = phase - omega t``: that of
+    each wave at the place of the vessel.
+    """
+
+    channel: EllipsisType = eqx.field(static=True)
+    onset: Onset
+    """Onset of the waves."""
+    frequencies: Float[Array, " m"]
+    """Angular frequencies (rad/s)."""
+    phases: Float[Array, " m"]
+    """Phases at time zero (rad)."""
+    cosine: Float[Array, "m channel"]
+    """Real parts of the complex amplitudes (m or rad)."""
+    sine: Float[Array, "m channel"]
+    """Imaginary parts."""
+
+    def displacement(self, time: Time) -> Float[Array, " channel"]:
+        angle = self.phases - self.frequencies * time
+        swing = product(jnp.cos(angle), self.cosine) - product(jnp.sin(angle), self.sine)
+        return self.onset(time) * swing
 
 
 class Prescribed(eqx.Module):

@@ -19,8 +19,7 @@ from crinoid.foundation.status import Status
 if TYPE_CHECKING:
     from crinoid.scenario import ScenarioText
 
-MISSED, BAD_INPUT, FAILED = 1, 2, 3
-"""Exit codes."""
+MISSED, BAD_INPUT, FAILED = 1, 2, 3  # exit codes
 _FOUND = ("optimised", "tuned", "identified")  # names of the scenario files that crinoid writes
 _ESCAPED = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != 0x0A}
 """Control characters but the new line, and their printed replacements."""

@@ -7,12 +7,10 @@ from pathlib import Path
 from crinoid.cli.command import complete_name
 from crinoid.cli.declaration import FILES, Command, Option, must, out, resume
 
-DEFAULT = "station-keeping"
-"""Scenario of `crinoid run` without one."""
+DEFAULT = "station-keeping"  # scenario of `crinoid run` without one
 _NAME = "A TOML file, or the name of a built-in scenario."
 _SCENARIO = replace(Option("SCENARIO", str, _NAME, complete=complete_name), read_as="scenario")
-_TEXT = replace(_SCENARIO, read_as="text")
-"""A scenario with its text, in which a command changes numbers."""
+_TEXT = replace(_SCENARIO, read_as="text")  # with its text, in which a command changes numbers
 _SET = Option(
     "--set KEY=VALUE",
     list[str],
@@ -232,7 +230,7 @@ COMMANDS = (
         Option("--scheduler ADDRESS", str,
             "Scheduler of dask.distributed whose workers are to run it.", "this machine"),
         Option("--weights FILE", Path,
-            "Shares of time: histogram of speed of crinoid flow, or a column for each key."),
+            "Cases and shares of time: histogram.csv or scatter.csv of crinoid flow, say."),
         Option("--dry-run", False, "Estimate the cost, and write nothing."),
         _SET, out("results/SCENARIO-sweep"), resume("sweep"), _FORCE),
     Command("train", "crinoid.cli.study_commands:train",

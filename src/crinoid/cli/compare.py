@@ -7,18 +7,8 @@ import xarray as xr
 from rich import box
 from rich.table import Table
 
+from crinoid.cli import display
 from crinoid.cli.command import console
-from crinoid.cli.display import (
-    listed,
-    new_table,
-    notes_of_cases,
-    progress_bar,
-    reporter,
-    say_notes,
-    say_when,
-    say_written,
-    seed_notes,
-)
 from crinoid.cli.finding import finding
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
@@ -49,13 +39,13 @@ def compare_controllers(
         finding(scenario, path, "a comparison", force=force, others=others) as found,
         Interruption() as interruption,
     ):
-        with progress_bar() as bar:
+        with display.progress_bar() as bar:
             comparison = ControllerComparison(scenario, kinds, every)
             interruption.has_some = lambda: comparison.has_runs
-            comparison.run(reporter(bar, ""), interruption.stop)
+            comparison.run(display.reporter(bar, ""), interruption.stop)
             interruption.stop()
         data = comparison.dataset()
-        rms, notes = data["rms_error"].values, seed_notes(seeds)
+        rms, notes = data["rms_error"].values, display.seed_notes(seeds)
         if seeds > 1 and np.isfinite(rms).all() and not np.ptp(rms, axis=1).any():
             notes = ["nothing in this scenario is random: all seeds give the same run"]
         of_runs = {
@@ -65,15 +55,15 @@ def compare_controllers(
         rows = comparison_rows(data)
         paths = found.save(data, {COMPARISON_TABLE: lambda path: write_rows(path, rows)})
         console.print(comparison_table(data))
-        say_when(scenario)
-        say_notes([*notes, *notes_of_cases(of_runs)])
-        say_written(paths)
+        display.say_when(scenario)
+        display.say_notes([*notes, *display.notes_of_cases(of_runs)])
+        display.say_written(paths)
     failures = [
         f"{name}: {arm.status}"
         for name, arm in comparison.runs.items()
         if Status.of(arm.status) not in (Status.OK, Status.INTERRUPTED)
     ]
-    text, status = listed(failures, COMPARISON), str(data.attrs["status"])
+    text, status = display.listed(failures, COMPARISON), str(data.attrs["status"])
     if Status.of(status) is Status.INTERRUPTED:
         return f"{status} and saved" + (f"; {text}" if text else "")
     return text
@@ -113,6 +103,6 @@ def comparison_table(data: xr.Dataset) -> Table:
     count = data.sizes["seed"]
     complete = np.isfinite(rms.values).sum(axis=1)
     rows.append(("runs", *(str(n) if n == count else f"{n} of {count}" for n in complete)))
-    return new_table(
+    return display.new_table(
         data.attrs["title"], ("", *map(str, kinds)), rows, box=box.SIMPLE, pad_edge=False
     )

@@ -15,27 +15,20 @@ from crinoid.cli.command import complete_key, end, folder_for, load_text, one_li
 from crinoid.cli.interruption import Loading
 from crinoid.cli.program import Call
 
-FILES = "Folder of the result"
-"""Group of options."""
+FILES = "Folder of the result"  # group of options
 
 
 @dataclass(frozen=True)
 class Option:
     """An option such as ``--count N``, or an argument, which is a word without hyphens."""
 
-    shown: str
-    """Flag and value, as help shows them."""
-    given: Any
-    """Default, or a type where the default is none."""
-    text: str
-    """Help."""
-    default: str | bool = True
-    """Default in words, if it needs any."""
+    shown: str  # flag and value, as help shows them
+    given: Any  # default, or a type where the default is none
+    text: str  # help
+    default: str | bool = True  # default in words, if it needs any
     _: KW_ONLY
-    name: str = ""
-    """Name of the value in the body, if it is not that of the option."""
-    required: bool | None = None
-    """Whether it must be given, as an argument must unless this is false."""
+    name: str = ""  # name of the value in the body, if it is not that of the option
+    required: bool | None = None  # whether it must be given, as an argument must unless false
     check: Callable[[Any], str] = lambda _: ""
     """Function that returns why a value is refused; empty if it is not."""
     complete: Callable[[str], list[str]] | None = None
@@ -43,8 +36,7 @@ class Option:
     parser: Callable[[str], Any] | None = None
     read_as: str = ""
     """What the body receives in place of the name of a scenario: `"scenario"` or `"text"`."""
-    group: str | None = None
-    """Group in the help."""
+    group: str | None = None  # group in the help
 
     @property
     def flag(self) -> str:

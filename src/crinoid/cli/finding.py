@@ -27,8 +27,7 @@ from crinoid.studies.design import Design
 from crinoid.view.figures import write_page, write_report
 from crinoid.view.page.parts import PAGE
 
-Content = str | Callable[[Path], object]
-"""Text of a file, or a function that writes it."""
+Content = str | Callable[[Path], object]  # text of a file, or a function that writes it
 
 
 class Finding(NamedTuple):
@@ -36,8 +35,7 @@ class Finding(NamedTuple):
 
     prepared: Prepared
     path: Path
-    doubts: list[str]
-    """Implausible values that were reported."""
+    doubts: list[str]  # implausible values that were reported
 
     def save(self, data: xr.Dataset, files: Mapping[str, Content] | None = None) -> list[Path]:
         """Save and draw a dataset, after other files by name, elsewhere if need be; return all."""
@@ -49,10 +47,10 @@ class Finding(NamedTuple):
         contents = {**(files or {}), self.path.name: write}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            paths = _written(self.path.parent, contents)
+            paths = write_contents(self.path.parent, contents)
         except OSError as error:
             folder = Path(tempfile.mkdtemp(prefix="crinoid-"))
-            _written(folder, contents)
+            write_contents(folder, contents)
             text = f"{error.strerror}; what was computed is saved in {folder} instead"
             raise OSError(error.errno, text, error.filename) from error
         return [*paths, *write_report(paths[-1])]
@@ -76,7 +74,8 @@ class Finding(NamedTuple):
         return "" if status == Status.OK else status
 
 
-def _written(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
+def write_contents(folder: Path, contents: Mapping[str, Content]) -> list[Path]:
+    """Write files by name into a folder; return them."""
     for name, content in contents.items():
         if isinstance(content, str):
             with atomic_write(folder / name) as temporary:

@@ -9,8 +9,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-INTERRUPTED = 130
-"""Exit code."""
+INTERRUPTED = 130  # exit code
 
 
 class Interrupted(BaseException):

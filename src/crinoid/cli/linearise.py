@@ -27,19 +27,15 @@ def show_linearisation(
     with finding(scenario, place, "a linear model", force=force, others=[name]) as found:
         with console.status("linearising"):
             full = find_state_space(found.prepared)
-            model = full if order is None else _reduced(full, order)
+            try:
+                model = full if order is None else full.reduced(order)
+            except ScenarioError as error:
+                raise refusal("--order", error.mistakes[0].text) from error
             response = model.tip_response()
         table, lines, files = _poles_table(model), _lines(model, full), {name: model.save}
         found.show(response, table, lines=lines, notes=model.notes, files=files)
         # another model
         clear_own(folder, [f"linear-model.{form}" for form in FORMATS if form != to])
-
-
-def _reduced(full: StateSpaceModel, order: int) -> StateSpaceModel:
-    try:
-        return full.reduced(order)
-    except ScenarioError as error:
-        raise refusal("--order", error.mistakes[0].text) from error
 
 
 def _lines(model: StateSpaceModel, full: StateSpaceModel) -> list[str]:

@@ -4,19 +4,8 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from crinoid.assembly.prepared import Prepared, at_rest
+from crinoid.cli import display
 from crinoid.cli.command import console
-from crinoid.cli.display import (
-    difference,
-    equilibrium_table,
-    progress_bar,
-    reporter,
-    run_table,
-    say_doubts,
-    say_notes,
-    say_where,
-    show,
-    words_of,
-)
 from crinoid.cli.finding import complete, page_in, require_one
 from crinoid.cli.folder import check_replaced, claimed, clear, contains, place_for, save, stopped
 from crinoid.cli.interruption import Interruption
@@ -32,7 +21,7 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool,
     prepared = Prepared(scenario)
     prepared.check()
     with claimed(folder):
-        doubted = say_doubts(prepared)
+        doubted = display.say_doubts(prepared)
         if not force:
             check_replaced(folder, {"": scenario}, resume=resume)
         earlier = find_earlier(prepared, folder) if resume else None
@@ -43,22 +32,22 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool,
             _say_run(earlier, doubted, full=full)
             console.print(f"The run in {folder} is complete; nothing to resume.", soft_wrap=True)
             paths, lacking = complete(earlier, folder)
-            say_notes(lacking)
-            say_where(paths)
+            display.say_notes(lacking)
+            display.say_where(paths)
             return ""
         broken_off = (Status.INTERRUPTED, Status.UNFINISHED)
         if not resume and contains(folder, scenario, *broken_off):
             text = f"{folder} contains an interrupted run of this scenario. Use --resume to "
-            say_notes([f"{text}continue it."])
+            display.say_notes([f"{text}continue it."])
         known = list(doubted)
 
         def tell(notes: list[str]) -> None:
-            say_notes(notes)
+            display.say_notes(notes)
             known.extend(notes)
 
         with Interruption() as interruption:
-            with progress_bar() as bar:
-                report = reporter(bar, "")
+            with display.progress_bar() as bar:
+                report = display.reporter(bar, "")
                 played = play_case(prepared, earlier, folder, report, interruption.stop, tell)
             result, paths, unsaved = played
             if result is None:
@@ -67,8 +56,8 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool,
                 clear(folder, {"": scenario}, resume=resume, force=force)
             _say_run(result, known, full=full)
             pages, lacking = page_in(paths[0].parent) if paths else ([], [])
-            say_notes(lacking)
-            say_where(paths + pages)
+            display.say_notes(lacking)
+            display.say_where(paths + pages)
         return unsaved or trouble(result, folder, paths)
 
 
@@ -81,7 +70,7 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool) -> str:
         wanted = {"": prepared.scenario}
         if not force:
             check_replaced(folder, wanted, still=True)
-        doubted = say_doubts(prepared, AT_REST)
+        doubted = display.say_doubts(prepared, AT_REST)
         with Interruption() as interruption:
             try:
                 result = settle(prepared)
@@ -92,17 +81,17 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool) -> str:
             if not unsaved:
                 clear(folder, wanted, force=force)
             notes = [note for note in result.notes if note not in doubted]
-            show(equilibrium_table(result), notes, [])
-            say_where(paths)
+            display.show(display.equilibrium_table(result), notes, [])
+            display.say_where(paths)
     return unsaved or trouble(result, folder, paths)
 
 
 def _say_run(result: Result, known: Collection[str], *, full: bool) -> None:
     notes = [note for note in result.notes if note not in known]
     other = [] if result.uncontrolled is None else result.uncontrolled.notes
-    said = {words_of(note) for note in result.notes}
-    notes += [f"without control: {note}" for note in other if words_of(note) not in said]
-    show(run_table(result, full=full), notes, [])
+    said = {display.words_of(note) for note in result.notes}
+    notes += [f"without control: {note}" for note in other if display.words_of(note) not in said]
+    display.show(display.run_table(result, full=full), notes, [])
 
 
 def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
@@ -125,7 +114,7 @@ def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
         except ScenarioError:  # such as a table of motion that ends before that
             same = False
         if not same:
-            keys = difference(earlier.dataset.attrs, scenario)
+            keys = display.difference(earlier.dataset.attrs, scenario)
             text = f"the run in {folder} is of another scenario{keys}; only its duration may "
             raise refusal("--resume", f"{text}change. Choose another folder (--out).")
         if duration < each.simulation.duration:

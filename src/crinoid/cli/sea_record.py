@@ -8,32 +8,36 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 from rich import box
 from rich.table import Table
 
 from crinoid.analysis.sea_record import (
     HISTOGRAM,
     RECORD,
-    SHARE,
-    SPEED,
+    SCATTER,
+    SEA_KEYS,
     TIDAL,
     interval_of,
     record_dataset,
     record_statistics,
+    scatter,
     tide,
 )
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table, statistics_table
-from crinoid.cli.finding import finding
-from crinoid.cli.folder import check_own
+from crinoid.cli.display import new_table, show, statistics_table
+from crinoid.cli.finding import finding, write_contents
+from crinoid.cli.folder import check_own, claimed
 from crinoid.foundation.axes import AXES
 from crinoid.recording import propose, read_dataset
-from crinoid.recording.axes import find
+from crinoid.recording.axes import find, seconds
 from crinoid.recording.numbers import FLAG
+from crinoid.recording.proposal import roles
+from crinoid.recording.sea_states import read_sea_states
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import describe
-from crinoid.results.own_files import table_head
+from crinoid.results.own_files import SHARE, table_head
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.document import override
 from crinoid.scenario.flow import Component, MeasuredFlow
@@ -46,13 +50,24 @@ _READING = (
 """Keys of a measured flow that say how its file is read."""
 _TIDES = 6 * 3600.0  # interval (s) from which on samples are too far apart for most tides
 _CONSTITUENTS = 6  # constituents that are listed at most
-_HEAD = table_head([SPEED, SHARE])
 
 
 def show_record(name: str, settings: Sequence[str], folder: Path, *, force: bool) -> None:
     """Look at a record: list its variables, sum it up, save and draw it."""
+    notes: list[str] = []
     with read_dataset(name) as dataset:
-        _show(dataset, name, settings, folder, force=force)
+        current = {"east", "speed"} & set(roles(dataset))
+        sea = None if current else read_sea_states(dataset, name, notes)
+        if sea is None:
+            _show(dataset, name, settings, folder, force=force)
+            return
+    if settings:
+        raise refusal("--set", got(settings[0], "be left out: the record has waves alone"))
+    with claimed(folder):
+        if not force:
+            check_own(folder / SCATTER)
+        table, text = _scatter(sea.values, notes)
+        show(table, notes, write_contents(folder, {SCATTER: text}))
 
 
 def _show(
@@ -80,18 +95,55 @@ def _show(
     middle = int(order[len(order) // 2])
     path = folder / RECORD
     with finding(scenario, path, "a record", force=force, check=None, doubts=None) as found:
-        if not force:
-            check_own(folder / HISTOGRAM, lambda file: _HEAD.encode() in file.read_bytes())
+        for each in () if force else (HISTOGRAM, SCATTER):
+            check_own(folder / each)
         data = record_dataset(record, middle, axes)
         data.attrs = describe(scenario) | data.attrs | {"notes": "\n".join(record.remarks)}
-        shares = zip(data["speed"].values, data["share"].values, strict=True)
-        text = "".join(f"{speed:.6g},{share:.6g}\n" for speed, share in shares)
+        speeds, shares = data["speed"].values, data["share"].values
+        files = {HISTOGRAM: _cases(["flow.0.velocity.0"], speeds, shares)}
         places = list(dict.fromkeys((int(order[0]), middle, int(order[-1]))))
         start = _start(dataset[find(dataset, flow.time, "time", name)])
         lines = _extent(record, start, middle)
         lines += _tide(record, middle, start, _latitude(dataset, flow))
+        notes: list[str] = []
+        if (sea := read_sea_states(dataset, name, notes)) is not None:
+            clock, states = dataset[find(dataset, flow.time, "time", name)].squeeze(), sea.values
+            if clock.dims == sea.dims[:1]:
+                speed = np.linalg.norm(record.velocity[:, middle], axis=1)
+                speed[record.filled[:, middle]] = np.nan
+                at = np.searchsorted(record.time, seconds(clock, []))
+                states = np.column_stack([states, speed[at]])
+            else:
+                notes.append(f"the current has other times: {SCATTER} has the waves alone")
+            of_waves, files[SCATTER] = _scatter(states, notes)
+            console.print(of_waves)
         numbers = _numbers(record, places, axes)
-        found.show(data, numbers, lines=lines, files={HISTOGRAM: _HEAD + text})
+        found.show(data, numbers, lines=lines, notes=notes, files=files)
+
+
+def _scatter(states: Float[np.ndarray, "time quantity"], notes: list[str]) -> tuple[Table, str]:
+    """Return statistics of sea states, perhaps with a speed, and the text of their file."""
+    known = states[np.isfinite(states).all(axis=1)]
+    if lacking := len(states) - len(known):
+        notes.append(f"{lacking} of {len(states)} rows lack a value and are left out")
+    if not known.size:
+        raise refusal("file", "each row lacks a height, a period or a speed", "have one with all")
+    centres, shares = scatter(known)
+    found: dict[str, Any] = {}
+    names = ("significant height (m)", "peak period (s)", "speed with waves (m/s)")
+    for each, column in zip(names, known.T, strict=False):
+        found |= {f"mean {each}": column.mean(), f"largest {each}": column.max()}
+    most = ", ".join(f"{value:g}" for value in centres[np.argmax(shares)])
+    found |= {f"share at {most}, the most (%)": 100 * shares.max(), "bins": float(shares.size)}
+    return statistics_table(None, (), [found]), _cases(SEA_KEYS, centres, shares)
+
+
+def _cases(keys: Sequence[str], *columns: Float[np.ndarray, "bin ..."]) -> str:
+    """Return a table for `--weights`: a column for each key, as far as there are, and shares."""
+    rows = np.column_stack(columns)
+    lines = (",".join(f"{value:.6g}" for value in row) for row in rows)
+    head = table_head([*keys[: rows.shape[1] - 1], SHARE])
+    return head + "".join(f"{line}\n" for line in lines)
 
 
 def _toml(value: Any) -> str:

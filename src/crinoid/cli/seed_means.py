@@ -42,12 +42,12 @@ class SeedTables:
         columns = [] if self.means.empty else list(self.means.columns)
         self.keys: list[str] = columns[: -len(MEAN_COLUMNS)]
 
-    def show(self, table: Table, folder: Path, notes: Iterable[str] = ()) -> list[Path]:
-        """Print the table of a study, means and notes; write means, their figure and the page.
+    def show(self, tables: Iterable[Table], folder: Path, notes: Iterable[str] = ()) -> list[Path]:
+        """Print tables of a study, means and notes; write means, their figure and the page.
 
         The figure is drawn from ``cases.csv``. Earlier means are removed if there are none.
         """
-        for each in (table, *self._tables()):
+        for each in (*tables, *self._tables()):
             console.print(each)
         say_when(self.plan.scenario, self.plan.keys)
         written = []

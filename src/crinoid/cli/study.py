@@ -11,15 +11,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.cli.display import (
-    cases_table,
-    listed,
-    notes_of_cases,
-    progress_bar,
-    reporter,
-    say_notes,
-    say_where,
-)
+from crinoid.cli import display
 from crinoid.cli.finding import checked_runs, complete, page_in
 from crinoid.cli.folder import check_replaced, claimed, clear, contains
 from crinoid.cli.interruption import Interrupted, Interruption
@@ -63,7 +55,7 @@ def run_study(scenario: Scenario, folder: Path, *, resume: bool, force: bool) ->
         if held <= _MOST_HELD:  # the others are read again: all would fill the memory
             ready[name] = prepared
     with claimed(folder):
-        say_notes(notes_of_cases(odd))
+        display.say_notes(display.notes_of_cases(odd))
         doubted = {doubt for each in odd.values() for doubt in each}
         return _run_cases(plan, cases, ready, folder, doubted, resume=resume, force=force)
 
@@ -85,13 +77,13 @@ def _run_cases(
     notes: dict[str, list[str]] = {}
     failures: list[str] = []
     ended = ""
-    with Interruption() as interruption, progress_bar() as bar:
+    with Interruption() as interruption, display.progress_bar() as bar:
         for number, (name, case) in enumerate(cases.items(), start=1):
             try:
                 if interruption.release():
                     raise Interrupted
                 prepared = ready.pop(name, None) or Prepared(case)
-                report = reporter(bar, f"{number}/{len(cases)} ")
+                report = display.reporter(bar, f"{number}/{len(cases)} ")
                 run = _play(prepared, folder / name, report, interruption.stop, resume=resume)
                 interruption.stop()  # from here on the case has its row in the table
             except Interrupted:
@@ -127,10 +119,11 @@ def _run_cases(
                 break
             make_room()
     if notes:
-        printed = cases_table(plan.scenario.title, plan.keys, table, registry)
+        printed = display.cases_table(plan.scenario.title, plan.keys, table, registry)
         means = _means(plan, rows, registry)
-        say_where([folder / CASES, *means.show(printed, folder, notes_of_cases(notes))])
-    return ended or listed(failures, CASES)
+        written = means.show([printed], folder, display.notes_of_cases(notes))
+        display.say_where([folder / CASES, *written])
+    return ended or display.listed(failures, CASES)
 
 
 def _means(
@@ -145,13 +138,10 @@ def _means(
 
 
 class _CaseRun(NamedTuple):
-    result: Result | None
-    """None if the case was refused, or could not be written."""
+    result: Result | None  # none if the case was refused, or could not be written
     wrong: str
-    directory: str
-    """Name of the folder with all of it; empty if it could not be saved."""
-    lacking: Sequence[str] = ()
-    """Notes of a page that could not be written."""
+    directory: str  # name of the folder with all of it; empty if it could not be saved
+    lacking: Sequence[str] = ()  # notes of a page that could not be written
     measures: Mapping[str, float | None] = MappingProxyType({})
     """The measures of the run; none of a case that was refused."""
 

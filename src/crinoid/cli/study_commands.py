@@ -60,13 +60,14 @@ def sweep(
     """Run a sweep, or estimate its cost; ``design`` is that of `SweepDesign.of`."""
     if workers is not None and scheduler is not None:
         stop("--workers: excludes --scheduler. Leave it out; the scheduler has its own workers.")
-    if dry_run and (resume or force or weights is not None):
-        text = "excludes --resume, --force and --weights. Leave them out; it writes nothing."
-        stop(f"--dry-run: {text}")
+    if dry_run and (resume or force):
+        stop("--dry-run: excludes --resume and --force. Leave them out; it writes nothing.")
     with Loading():
+        from crinoid.cli.weights import read_weights
         from crinoid.studies.sweep.plan import SweepDesign
 
-    plan = SweepDesign.of(scenario, vary or (), **design)
+    rows, shares = read_weights(weights) if weights else (None, None)
+    plan = SweepDesign.of(scenario, vary or (), rows=rows, **design)
     with Loading():
         from crinoid.cli.sweep import estimate_sweep, run_sweep
 
@@ -75,7 +76,7 @@ def sweep(
         estimate_sweep(plan, count, scheduler)
         return ""
     run = partial(run_sweep, sized=design["batch"] is not None, resume=resume, force=force)
-    return run(plan, folder, count, scheduler, weights=weights)
+    return run(plan, folder, count, scheduler, shares=shares)
 
 
 def train(

@@ -28,7 +28,6 @@ from crinoid.cli.finding import checked_runs
 from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.seed_means import SeedTables
-from crinoid.cli.weights import shares_of_time
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
 from crinoid.results.measure_labels import head_of, main_measures, unit_for
@@ -38,6 +37,7 @@ from crinoid.scenario import counted, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
 from crinoid.studies.sweep.engine import WorkerPool, WorkerPoolError, run_batches
+from crinoid.studies.sweep.long_term import extremes_of, judged_time
 from crinoid.studies.sweep.plan import PLAN, SweepDesign, read_plan
 from crinoid.studies.sweep.store import SweepStore
 
@@ -75,13 +75,14 @@ def run_sweep(
     sized: bool,
     resume: bool,
     force: bool,
-    weights: Path | None = None,
+    shares: Float[np.ndarray, " case"] | None = None,
 ) -> str:
     """Run a sweep, collect and sum up its runs; return what went wrong, if anything.
 
-    ``sized`` says whether the user chose the size of batches; ``weights`` is a histogram of speed.
+    ``sized`` says whether the user chose the size of batches; ``shares`` are those of time of the
+    cases.
     """
-    shares = None if weights is None else shares_of_time(plan, weights)
+    shares = None if shares is None else np.repeat(shares, plan.seeds) / plan.seeds
     store = SweepStore(folder)
     there = store.files()
     known = resume and PLAN in there
@@ -120,7 +121,11 @@ def run_sweep(
                 return f"{error}; {_saved(plan, done)}"
     numbers = {name: data[name].values for name in measures_of(plan.scenario)}
     means = SeedTables(plan, range(1, plan.runs + 1), numbers)
-    say_written([*files, *means.show(sweep_table(data, shares), folder)])
+    tables, notes = [sweep_table(data, shares)], list[str]()
+    if shares is not None:
+        tables += [extremes_table(data)] * bool(extremes_of(data))
+        notes = _long_term_notes(data, plan)
+    say_written([*files, *means.show(tables, folder, notes)])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():
         for word, at in (("best", np.nanargmin(errors)), ("worst", np.nanargmax(errors))):
@@ -150,7 +155,7 @@ def notes_of(plan: SweepDesign) -> list[str]:
     found = notes_of_cases(
         {
             name: plausibility_warnings(prepared)
-            for name, prepared in checked_runs(plan, plan.examples(_MOST_TRIED), "--vary")
+            for name, prepared in checked_runs(plan, plan.examples(_MOST_TRIED), plan.option)
             if name in firsts
         }
     )
@@ -214,9 +219,35 @@ def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = Non
         heads.append("mean of time")
         well = [Status.of(words) is Status.OK for words in data["status"].values]
         rows.append(["time that ends well", *[""] * 6, f"{shares[well].sum():.2%}"])
+        if np.isfinite(part := float(data.get("combined_within_tolerance", np.nan))):
+            rows.append(["time within tolerance over all of it", *[""] * 6, f"{part:.2%}"])
         if np.isfinite(life := float(data.get("combined_life", np.nan))):
             rows.append(["fatigue life over all of it", *[""] * 6, f"{life:.3g} year"])
     return new_table(data.attrs["title"], heads, rows, box=box.SIMPLE, pad_edge=False)
+
+
+def extremes_table(data: xr.Dataset) -> Table:
+    """Return the main extremes over all cases by return period, with the interval of the last."""
+    found, rows, periods = extremes_of(data), [], [f"{each:g}" for each in data["return_period"]]
+    for name in main_measures(map(str, found)):
+        unit = unit_for(found[name])
+        numbers = found[name].sel(estimate="value").values
+        low, high = map(unit.number, found[name].values[-1, 1:])
+        rows.append([head_of(name, unit), *map(unit.number, numbers), f"{low} to {high}"])
+    heads = ["exceeded once in (year)", *periods, f"95 % interval, {periods[-1]}"]
+    return new_table("Over all of it", heads, rows, box=box.SIMPLE, pad_edge=False)
+
+
+def _long_term_notes(data: xr.Dataset, plan: SweepDesign) -> list[str]:
+    """Return how far extremes extrapolate, or why there are none, and how failures count."""
+    runs = f"{counted(plan.seeds, 'seed')} of {judged_time(plan):g} s in each case"
+    notes = [f"extremes extrapolate {runs} to {float(data['return_period'].max()):g} years"]
+    if not extremes_of(data):
+        text = f"no extremes by return period from {runs}"
+        notes = [f"{text}: 3 or more must reach their end and differ. Use --seeds 10."]
+    if "combined_within_tolerance" in data and data["within_tolerance"].isnull().any():
+        notes.append("a run that fails is outside of the tolerance all the time")
+    return notes
 
 
 def estimate_sweep(plan: SweepDesign, workers: int, scheduler: str | None) -> None:

@@ -1,7 +1,5 @@
 """Programs: functions compiled once for all processes."""
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import gc
@@ -35,7 +33,7 @@ from crinoid.compilation.store import (
 
 P = ParamSpec("P")
 R = TypeVar("R")
-_PROGRAMS: weakref.WeakSet[Program[Any, Any]] = weakref.WeakSet()
+_PROGRAMS: "weakref.WeakSet[Program[Any, Any]]" = weakref.WeakSet()
 
 OFTEN = {
     "xla_cpu_use_fusion_emitters": False,
@@ -68,7 +66,7 @@ def require_own_process() -> None:
         raise RuntimeError(f'{text}. Start processes with multiprocessing.get_context("spawn").')
 
 
-def compiled(**compiler_options: Any) -> Callable[[Callable[P, R]], Program[P, R]]:
+def compiled(**compiler_options: Any) -> "Callable[[Callable[P, R]], Program[P, R]]":
     """Compile a function like `equinox.filter_jit`, with options of XLA, and save the program."""
     return lambda function: Program(function, compiler_options)
 

@@ -1,7 +1,5 @@
 """Estimates by an observer: tip, shape and current, each with its standard deviation."""
 
-from __future__ import annotations
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -33,7 +31,7 @@ class Estimate(eqx.Module):
     flow_velocity: Estimated | None = None
     """Velocity of the undisturbed water, its mean along the arm (axis); None likewise."""
 
-    def in_world(self, carrier: SubmarineFrame, time: Float[Array, ""]) -> Estimate:
+    def in_world(self, carrier: SubmarineFrame, time: Float[Array, ""]) -> "Estimate":
         """Return it in the world, from the frame of a submarine at ``time`` (s).
 
         The velocity of the water is that in the frame plus that of the frame. Standard deviations

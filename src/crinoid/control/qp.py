@@ -166,9 +166,6 @@ class HorizonQp(eqx.Module):
         spare = 0.5 * jnp.maximum(_NARROWEST * jnp.max(high - low) - (high - low), 0.0)
         return low - spare, high + spare
 
-    def _times(self, displacements: Moves) -> Moves:
-        return _applied(self.hessian, displacements)
-
     def _inverse(self, weights: Limits) -> Float[Array, "unknown unknown"]:
         """Return the inverse of the Hessian with ``weights`` on the squares of the rows."""
         matrix, size = self.hessian, self.hessian.shape[0]
@@ -190,7 +187,7 @@ class HorizonQp(eqx.Module):
 
         def step(_: Array, carry: tuple[Moves, Rows, Rows]) -> tuple[Moves, Rows, Rows]:
             x, slack, dual = carry
-            uphill = self._times(x) + gradient + back(dual)
+            uphill = _applied(self.hessian, x) + gradient + back(dual)
             beyond = rows(x) + slack - bound
             weight = jnp.minimum(dual / slack, _STIFFEST)
             inverted = self._inverse(jnp.sum(weight, axis=0))
@@ -201,7 +198,7 @@ class HorizonQp(eqx.Module):
                 right = -uphill - back(wanted + dual * beyond / slack)
                 move = _applied(inverted, right)
                 # once more, against round-off
-                left = right - self._times(move) - back(weight * rows(move))
+                left = right - _applied(self.hessian, move) - back(weight * rows(move))
                 move += _applied(inverted, left)
                 opened = -rows(move) - beyond
                 return move, opened, wanted - dual * opened / slack
@@ -235,6 +232,9 @@ class HorizonQp(eqx.Module):
         """Return displacements with the active limits met exactly, if these are the right ones."""
         steep, width = jnp.max(jnp.abs(gradient)) + jnp.finfo(float).tiny, high - low
 
+        def uphill(x: Moves, pull: Limits) -> Moves:
+            return _applied(self.hessian, x) + gradient + product(pull, self.rows)
+
         def polish(_: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
             x, best, active, force, optimal, residual = carry
             bound = jnp.where(active > 0, high, low)
@@ -244,15 +244,14 @@ class HorizonQp(eqx.Module):
             def refine(_: Array, inner: tuple[Array, Array]) -> tuple[Array, Array]:
                 x, force = inner
                 pull = force + weight * (product(x, self.rows.T) - bound)
-                uphill = self._times(x) + gradient + product(pull, self.rows)
-                x -= _applied(inverted, uphill)
+                x -= _applied(inverted, uphill(x, pull))
                 return x, force + weight * (product(x, self.rows.T) - bound)
 
             x, force = jax.lax.fori_loop(0, _REFINEMENTS, refine, (x, force))
             values = product(x, self.rows.T)
             above, below = values > high + _EXACT * width, values < low - _EXACT * width
             wrong = force * active < -_EXACT * steep
-            left = jnp.max(jnp.abs(self._times(x) + gradient + product(force, self.rows))) / steep
+            left = jnp.max(jnp.abs(uphill(x, force))) / steep
             good = ~jnp.any(above | below | wrong) & (left <= _EXACT)
             take = good & ~optimal
             best, residual = jnp.where(take, x, best), jnp.where(take, left, residual)
@@ -260,7 +259,7 @@ class HorizonQp(eqx.Module):
             return x, best, active, force, optimal | good, residual
 
         force = dual[1] - dual[0]
-        left = jnp.max(jnp.abs(self._times(x) + gradient + product(force, self.rows))) / steep
+        left = jnp.max(jnp.abs(uphill(x, force))) / steep
         upper, lower = dual[1] > slack[1], dual[0] > slack[0]
         active = jnp.where(upper, 1.0, jnp.where(lower, -1.0, 0.0))
         begin = x, x, active, force, jnp.asarray(False), left

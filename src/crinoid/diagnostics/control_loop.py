@@ -1,7 +1,5 @@
 """Control-loop diagnostics: saturation, growth, limit cycles, and disturbance rejection."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -15,7 +13,7 @@ from crinoid.elements import AddedMass
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.signals_and_systems import periodograms
 from crinoid.results.chunks import pieces
-from crinoid.results.errors import judged
+from crinoid.results.errors import judged, rms
 from crinoid.results.result import Result
 from crinoid.results.saturation import controlled, limit_shares
 from crinoid.scenario import Scenario, SineFlow, SurfaceWaves, percent
@@ -105,10 +103,8 @@ _NOTHING = 1e-4
 class LimitCycle(NamedTuple):
     """Limit cycle of a control loop."""
 
-    frequency: float
-    """Hz."""
-    amplitude: float
-    """RMS of the tip's error (m)."""
+    frequency: float  # Hz
+    amplitude: float  # RMS of the tip's error (m)
 
 
 def growth(result: Result) -> float | None:
@@ -183,8 +179,7 @@ def comparison(result: Result) -> tuple[float, float] | None:
     which = which[:count]
     if not which.any():
         return None
-    errors = [data["tip_error"].values[:count][which] for data in runs]
-    with_, without = (float(np.sqrt(np.mean(error**2))) for error in errors)
+    with_, without = (rms(data["tip_error"].values[:count][which]) for data in runs)
     return with_, without
 
 
@@ -231,7 +226,7 @@ def _windows(
     error = error[which[: error.size]] if which.size >= error.size else error[: which.size][which]
     if error.size < 4 * _WINDOWS:
         return None
-    return np.array([np.sqrt(np.mean(part**2)) for part in np.array_split(error, _WINDOWS)])
+    return np.array([*map(rms, np.array_split(error, _WINDOWS))])
 
 
 def _spectrum(

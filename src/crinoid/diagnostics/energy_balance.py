@@ -1,7 +1,5 @@
 """Energy balance of a run: stored energies against works, and the likely cause of a defect."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Load of commands that are held between two control instants, and whether steps resolve it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

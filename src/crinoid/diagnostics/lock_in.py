@@ -1,7 +1,5 @@
 """Lock-in of vortex shedding to the modes of an arm, in a run that does not model its lift."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float

@@ -1,12 +1,9 @@
 """Notes on a finished run: strains, contact, vortices, drag, and errors of the solution."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.lock_in import lock_in_note
@@ -15,7 +12,7 @@ from crinoid.elements.water import cylinder_drag
 from crinoid.foundation.fixed_numbers import CANDIDATES
 from crinoid.results.chunks import pieces
 from crinoid.results.dimensionless import MOTION, length_share, normal_velocity
-from crinoid.results.loads import largest_strain
+from crinoid.results.loads import largest_strain, stretch_of_edges
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, Tool, percent, shown
 from crinoid.scenario.water import Water
@@ -39,8 +36,6 @@ _STRAIN = 0.5
 """Strain above which linear elasticity is wrong."""
 _TORN = 10.0
 """Length of an edge over that at rest, or the inverse, at which rubber tears (Treloar 1975)."""
-
-Strains = Float[np.ndarray, "time edge"]
 
 
 def notes(dataset: xr.Dataset, facts: Facts) -> list[str]:
@@ -160,7 +155,8 @@ def _unstable(dataset: xr.Dataset, scenario: Scenario) -> str:
 
 def _stretch(dataset: xr.Dataset) -> str:
     longest, shortest = -np.inf, np.inf
-    for _, strain in _strains(dataset):
+    for piece in pieces(dataset, ["position"]):
+        strain = stretch_of_edges(piece)
         longest, shortest = max(longest, float(strain.max())), min(shortest, float(strain.min()))
     if max(longest, -shortest) <= _STRAIN:
         surface = largest_strain(Result(dataset))
@@ -177,7 +173,8 @@ def _stretch(dataset: xr.Dataset) -> str:
 
 def tear_failure(dataset: xr.Dataset) -> str:
     """Return the failure of a run in which an edge tears; empty if none does."""
-    for time, strain in _strains(dataset):
+    for piece in pieces(dataset, ["position"]):
+        time, strain = piece["time"].values, stretch_of_edges(piece)
         least = np.maximum(1 + strain.min(axis=1), np.finfo(float).tiny)
         share = np.maximum(1 + strain.max(axis=1), 1 / least)
         if share.max() > _TORN:
@@ -188,13 +185,6 @@ def tear_failure(dataset: xr.Dataset) -> str:
                 "arm.youngs_modulus or arm.section.EA, or weaker loads"
             )
     return ""
-
-
-def _strains(dataset: xr.Dataset) -> Iterator[tuple[Float[np.ndarray, " time"], Strains]]:
-    """Yield the times (s) and the strains of the edges, a piece of the run each."""
-    for piece in pieces(dataset, ["position"]):
-        edges = np.linalg.norm(np.diff(piece["position"].values, axis=1), axis=2)
-        yield piece["time"].values, edges / np.diff(dataset["arc_length"].values) - 1
 
 
 def _round_off(dataset: xr.Dataset, facts: Facts) -> str:

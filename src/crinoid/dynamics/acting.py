@@ -13,10 +13,10 @@ from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm, prepared
 from crinoid.dynamics.contact_group import ContactGroup
 from crinoid.dynamics.context import Context
-from crinoid.dynamics.forces import Forces, Points, Rows
+from crinoid.dynamics.forces import Forces, Points
 from crinoid.dynamics.free_bodies import FreeBodies
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, VEHICLE_ROWS
+from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, ROTATION, VEHICLE_ROWS, Rows
 from crinoid.dynamics.vehicle import VehicleKinematics, unknowns
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion, Pose, VehiclePose

@@ -9,13 +9,11 @@ from jaxtyping import Array, Float
 
 from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES, Rows
 from crinoid.dynamics.tangent import Tangent
 from crinoid.dynamics.tangent_assembly import assemble_tangent
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
-
-Rows = Float[Array, "rows b"]
 
 
 class Balance(eqx.Module):

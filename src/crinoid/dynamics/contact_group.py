@@ -4,11 +4,11 @@ from typing import Any
 
 from jaxtyping import Array, Bool, Float
 
+from crinoid.dynamics.rows import Rows
 from crinoid.dynamics.windows import LawGroup, remembering
 from crinoid.elements import Motion, SoftSkin
 from crinoid.numerics import index_array
 
-Rows = Float[Array, "rows b"]
 Gaps = Float[Array, " w"]
 
 

@@ -11,10 +11,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.contact_group import ContactGroup
+from crinoid.dynamics.rows import Rows
 from crinoid.elements import HullContact, Motion, SelfContact, VehiclePose
 from crinoid.numerics.index_array import Index
-
-Rows = Float[Array, "rows b"]
 
 NODES = 4
 """Rows of a window that are nodes of the arm; the others follow from a vehicle."""

@@ -16,13 +16,12 @@ from crinoid.dynamics import windows
 from crinoid.dynamics.far_contact import FarContact
 from crinoid.dynamics.lines import LengthControlledThreads
 from crinoid.dynamics.obstacles import Obstacles
-from crinoid.dynamics.rows import RowLayout
+from crinoid.dynamics.rows import RowLayout, Rows
 from crinoid.dynamics.vehicle import Vehicle
 from crinoid.elements import Bend, Element, Inertia, Motion, Stretch
 from crinoid.flow import Water
 from crinoid.rod.reference import Reference
 
-Rows = Float[Array, "rows b"]
 Points = Float[Array, "rows d"]
 
 

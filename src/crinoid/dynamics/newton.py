@@ -12,10 +12,10 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.acting import ActingForces
-from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_tangents
+from crinoid.dynamics.balance import Balance, implicit_derivative, zero_tangents
 from crinoid.dynamics.bordered import TangentFactors
 from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES, Rows
 from crinoid.foundation.fixed_numbers import (
     AGED_CONTRACTION,
     CHORD_MARGIN,
@@ -35,7 +35,6 @@ class Settings(eqx.Module):
     tolerance: Float[Array, ""]
     """Largest imbalance over the largest force."""
     max_iterations: Int[Array, ""]
-    """Largest number of iterations."""
     weights: Float[Array, " b"]
     """Factor from the imbalance of each coordinate to a force: 1, for a spin 1 over a length."""
     max_turn: Float[Array, ""] | None = None

@@ -12,7 +12,6 @@ from crinoid.dynamics.free_bodies import FreeBodies
 from crinoid.dynamics.rows import ROOT
 from crinoid.elements import Contact, Motion, Pose
 
-Rows = Float[Array, "rows b"]
 Points = Float[Array, "m d"]
 
 

@@ -1,11 +1,10 @@
-"""Outcome of a solve and of a time step: convergence, folds, and step-size control."""
+"""Outcome of a solve and of a time step: convergence, and folds."""
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from enum import IntEnum
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import equinox as eqx
 import equinox.internal as eqxi
@@ -16,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
 from crinoid.foundation.axes import LARGEST_TURN
-from crinoid.foundation.fixed_numbers import ERROR_GROWTH, KNOWN_ROUND_OFF, UNSEEN_BEND
+from crinoid.foundation.fixed_numbers import KNOWN_ROUND_OFF, UNSEEN_BEND
 from crinoid.rod.reference import Reference
 
 
@@ -223,45 +222,3 @@ class StepStatistics(eqx.Module):
             self.steps + good,
             self.iterations + outcome.iterations,
         )
-
-
-def halve(
-    step: Callable[[Any, Array], tuple[Any, Outcome]],
-    state: Any,
-    length: Float[Array, ""],
-    max_halvings: Int[Array, ""],
-    max_error: Float[Array, ""],
-    before: StepStatistics,
-) -> tuple[Any, StepStatistics]:
-    """Advance a state, any pytree, by ``length`` (s), in substeps where ``step`` fails.
-
-    The statistics of its solves add to those of the time steps ``before``.
-    The shortest substep is ``2**-max_halvings`` of the length; if it fails too, the last good state
-    comes back with a failed outcome. A substep is doubled again where the longer one is expected
-    to keep within ``max_error`` (m).
-    """
-    whole = 2**max_halvings  # length of the step in units of the shortest substep
-
-    Carry = tuple[Any, StepStatistics, Array, Array]
-
-    def unfinished(carry: Carry) -> Bool[Array, ""]:
-        _, _, done, part = carry
-        return (done < whole) & (part > 0)
-
-    def attempt(carry: Carry) -> Carry:
-        state, progress, done, part = carry
-        new, outcome = step(state, length * (part / whole))
-        good = outcome.converged
-        accepted = jax.lax.cond(good, lambda: new, lambda: state)
-        done = done + jnp.where(good, part, 0)
-        # after a success double the substep, if the time reached is a multiple of the longer one
-        room = ERROR_GROWTH * outcome.error <= max_error
-        longer = jnp.where((done % (2 * part) == 0) & (part < whole) & room, 2 * part, part)
-        part = jnp.where(good, longer, part // 2)
-        return accepted, progress.with_solve(outcome), done, part
-
-    unsolved = replace(before, outcome=Outcome.of_nothing(converged=False))
-    state, progress, _, _ = jax.lax.while_loop(
-        unfinished, attempt, (state, unsolved, jnp.asarray(0), whole)
-    )
-    return state, progress

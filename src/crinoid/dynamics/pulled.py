@@ -25,12 +25,12 @@ from crinoid.dynamics.context import Context, Memory
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
+from crinoid.dynamics.rows import Rows
 from crinoid.elements import Threads
 from crinoid.foundation.fixed_numbers import ADHESION, FRICTION_ROUNDS, FRICTION_SETTLED, LOAD_STEPS
 from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
 
-Rows = Float[Array, "rows b"]
 Way = tuple[Forces, Context]
 
 

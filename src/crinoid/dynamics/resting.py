@@ -14,7 +14,7 @@ from crinoid.dynamics import pulled, start
 from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.context import Context
 from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES, Rows
 from crinoid.dynamics.state import State
 from crinoid.dynamics.statics import static_motion
 from crinoid.numerics.frames import Frames
@@ -22,7 +22,6 @@ from crinoid.numerics.frames import Frames
 if TYPE_CHECKING:
     from crinoid.dynamics.system import System
 
-Rows = Float[Array, "rows b"]
 Time = Float[Array, ""]
 Undeformed = tuple[ActingForces, Time, Rows, Frames | None]
 

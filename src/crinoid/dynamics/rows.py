@@ -5,6 +5,10 @@ Where some obstacles are free, the rotations of all of them follow on their posi
 
 from typing import Any, NamedTuple
 
+from jaxtyping import Array, Float
+
+Rows = Float[Array, "rows b"]
+"""Numbers of all rows."""
 GHOST, ROOT = 0, 1
 """Rows of the nodes that the base holds: the ghost behind the root, and the root."""
 BOUNDARY_NODES = 2

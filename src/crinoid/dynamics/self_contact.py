@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.contact_group import ContactGroup
-from crinoid.dynamics.far_contact import FarContact, Rows
-from crinoid.dynamics.rows import ROOT
+from crinoid.dynamics.far_contact import FarContact
+from crinoid.dynamics.rows import ROOT, Rows
 from crinoid.elements import Motion, SelfContact, VehiclePose
 from crinoid.foundation.fixed_numbers import CANDIDATES
 from crinoid.rod import Rod

@@ -16,7 +16,7 @@ from crinoid.dynamics.balance import Balance, implicit_derivative
 from crinoid.dynamics.context import Context
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, SPIN
+from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, SPIN, Rows
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import Tangent
 from crinoid.foundation.fixed_numbers import JERKY
@@ -24,8 +24,6 @@ from crinoid.numerics.banded import pad_columns, with_first_rows
 from crinoid.numerics.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.numerics.small_matrices import product
 from crinoid.rod.reference import Reference
-
-Rows = Float[Array, "rows b"]
 
 
 def at_end(

@@ -15,6 +15,7 @@ from crinoid.dynamics.balance import Balance, implicit_derivative, zero_tangents
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
+from crinoid.dynamics.rows import Rows
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
 from crinoid.foundation.fixed_numbers import (
@@ -32,8 +33,6 @@ from crinoid.foundation.fixed_numbers import (
 )
 from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
-
-Rows = Float[Array, "rows b"]
 
 
 def static_stage(
@@ -90,8 +89,7 @@ def find(
 class Rates(NamedTuple):
     """Squared rates at which an arm can leave an equilibrium, by stiffness and loads over mass."""
 
-    slowest: Float[Array, ""]
-    """1/s2."""
+    slowest: Float[Array, ""]  # 1/s2
     stiffest: Float[Array, ""]
     """Without loads (1/s2)."""
     by_load: Float[Array, ""]

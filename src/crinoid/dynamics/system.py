@@ -16,10 +16,10 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripTriggers
 from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Settings
-from crinoid.dynamics.outcome import Outcome, StepStatistics, halve, warn_of_round_off
+from crinoid.dynamics.outcome import Outcome, StepStatistics, warn_of_round_off
 from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
 from crinoid.dynamics.state import EnergyAccount, State, tip_pose
-from crinoid.dynamics.time_step import step_with
+from crinoid.dynamics.time_step import halve, step_with
 from crinoid.dynamics.transition import Transition, transition
 from crinoid.numerics import banded
 from crinoid.rod.reference import Reference
@@ -202,14 +202,7 @@ class System(eqx.Module):
         -------
         tuple of State and `crinoid.dynamics.StepStatistics`
         """
-        return halve(
-            lambda now, part: self.step(now, command, part),
-            state,
-            self.time_step if step is None else jnp.asarray(step, float),
-            self.max_halvings,
-            self.max_error,
-            StepStatistics.of_nothing(),
-        )
+        return halve(self, lambda now, part: self.step(now, command, part), state, step, None)
 
     def advance_with_account(
         self,
@@ -231,15 +224,7 @@ class System(eqx.Module):
             after, outcome = self.step(state, command, part)
             return (after, account.after(self.forces, state, after, part)), outcome
 
-        h = self.time_step if step is None else jnp.asarray(step, float)
-        (state, account), progress = halve(
-            once,
-            (state, account),
-            h,
-            self.max_halvings,
-            self.max_error,
-            before or StepStatistics.of_nothing(),
-        )
+        (state, account), progress = halve(self, once, (state, account), step, before)
         return state, account, progress
 
     def energy(self, state: State) -> Float[Array, " energy"]:

@@ -12,9 +12,8 @@ from crinoid.dynamics import windows
 from crinoid.dynamics.acting import ActingForces, rows_of_motion
 from crinoid.dynamics.bordered import Border
 from crinoid.dynamics.far_contact import NODES
-from crinoid.dynamics.forces import Rows
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.rows import ROOT, VEHICLE_ROWS
+from crinoid.dynamics.rows import ROOT, VEHICLE_ROWS, Rows
 from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.vehicle import unknowns
 from crinoid.dynamics.windows import Surroundings

@@ -1,8 +1,8 @@
-"""Time step: the state at its end, and whether that is accepted."""
+"""Time step: the state at its end, whether that is accepted, and substeps."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +14,14 @@ from crinoid.actuation import drives
 from crinoid.dynamics.acting import ActingForces
 from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.newton import solve
-from crinoid.dynamics.outcome import MIN_COSINE, Outcome, cos_turn_angle
-from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.outcome import MIN_COSINE, Outcome, StepStatistics, cos_turn_angle
+from crinoid.dynamics.rows import BOUNDARY_NODES, Rows
 from crinoid.dynamics.start import at_end, expected_acceleration, first_guess
 from crinoid.dynamics.state import State
-from crinoid.dynamics.windows import FlowPerturbation
+from crinoid.foundation.fixed_numbers import ERROR_GROWTH
 
 if TYPE_CHECKING:
     from crinoid.dynamics.system import System
-
-Rows = Float[Array, "rows b"]
 
 
 def step_with(
@@ -31,11 +29,12 @@ def step_with(
     state: State,
     ends: Sequence[Any],
     step: Float[Array, ""],
-    perturbation: FlowPerturbation | None = None,
+    water: Float[Array, "2 rows d"] | None = None,
 ) -> tuple[State, Outcome]:
     """Advance by one time step at whose end the actuators are in the states ``ends``.
 
-    ``perturbation`` changes the water at the nodes at the end of the step.
+    ``water`` is a change of its velocity (m/s) and material acceleration (m/s2) at all rows, at the
+    end of the step.
     """
     h, before, method = step, state.motion, system.integrator
     servo, *actuators = ends
@@ -54,8 +53,9 @@ def step_with(
     # the water is costly: evaluated once, for constant acceleration, and expanded from there.
     # Not at Newton's guess: a switch between predictors would make the step discontinuous
     around = forces.surroundings(stage, correction_for(before.acceleration))
-    if perturbation is not None:
-        around = around.perturbed(perturbation)
+    if water is not None:
+        velocity, acceleration = around.velocity + water[0], around.acceleration + water[1]
+        around = replace(around, velocity=velocity, acceleration=acceleration)
     guess = correction_for(expected_acceleration(forces, state))
     if held is not None:
         guess = first_guess(forces, held, stage, state, guess)
@@ -113,3 +113,46 @@ def _resolved(forces: ActingForces, state: State, after: State, step: Array) -> 
             each += zip(forces.body_contacts(moved), *gaps, strict=True)
         found += [group.resolved(moved, *gap, step) for group, *gap in each]
     return jnp.all(jnp.array(found, bool))
+
+
+def halve(
+    system: System,
+    once: Callable[[Any, Array], tuple[Any, Outcome]],
+    state: Any,
+    length: float | Array | None,
+    before: StepStatistics | None,
+) -> tuple[Any, StepStatistics]:
+    """Advance a state, any pytree, by one time step or ``length`` (s), in substeps where it fails.
+
+    ``once`` advances it by a substep. The statistics of its solves add to those ``before``, if any.
+    The shortest substep is ``2**-max_halvings`` of the length; if it fails too, the last good state
+    comes back with a failed outcome. A substep is doubled again where the longer one is expected
+    to keep within ``max_error``.
+    """
+    length = system.time_step if length is None else jnp.asarray(length, float)
+    before = before or StepStatistics.of_nothing()
+    whole = 2**system.max_halvings  # length of the step in units of the shortest substep
+
+    Carry = tuple[Any, StepStatistics, Array, Array]
+
+    def unfinished(carry: Carry) -> Bool[Array, ""]:
+        _, _, done, part = carry
+        return (done < whole) & (part > 0)
+
+    def attempt(carry: Carry) -> Carry:
+        state, progress, done, part = carry
+        new, outcome = once(state, length * (part / whole))
+        good = outcome.converged
+        accepted = jax.lax.cond(good, lambda: new, lambda: state)
+        done = done + jnp.where(good, part, 0)
+        # after a success double the substep, if the time reached is a multiple of the longer one
+        room = ERROR_GROWTH * outcome.error <= system.max_error
+        longer = jnp.where((done % (2 * part) == 0) & (part < whole) & room, 2 * part, part)
+        part = jnp.where(good, longer, part // 2)
+        return accepted, progress.with_solve(outcome), done, part
+
+    unsolved = replace(before, outcome=Outcome.of_nothing(converged=False))
+    state, progress, _, _ = jax.lax.while_loop(
+        unfinished, attempt, (state, unsolved, jnp.asarray(0), whole)
+    )
+    return state, progress

@@ -6,8 +6,6 @@ states of the actuators. They determine the rest: the nodes that the base holds,
 space, the attitude of a vehicle, the reaction of the base.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +24,6 @@ from crinoid.dynamics.start import at_end
 from crinoid.dynamics.state import State
 from crinoid.dynamics.time_step import step_with
 from crinoid.dynamics.vehicle import turn_of, unknowns
-from crinoid.dynamics.windows import FlowPerturbation
 from crinoid.numerics.frames import angle_between, tangents, transport
 from crinoid.numerics.small_matrices import product
 
@@ -35,7 +32,6 @@ if TYPE_CHECKING:
 
 Coordinates = Float[Array, " a"]
 Following = Float[Array, " s"]
-Rows = Float[Array, "rows b"]
 
 
 class Transition(NamedTuple):
@@ -83,7 +79,7 @@ class Transition(NamedTuple):
 class LocalCoordinates:
     """Coordinates of the states of a system near a given one."""
 
-    def __init__(self, system: System, state: State) -> None:
+    def __init__(self, system: "System", state: State) -> None:
         self.system, self.state = system, state
         self.actuators, self.driven = numbers_of((state.servo, *state.actuators))
         self._memory = numbers_of(state.memory)[1]
@@ -169,7 +165,7 @@ class LocalCoordinates:
 
 
 def transition(
-    system: System,
+    system: "System",
     state: State,
     command: Float[Array, " input"],
     step: Float[Array, ""],
@@ -183,8 +179,7 @@ def transition(
     water = jnp.zeros((2, state.motion.position.shape[0], system.forces.axes))
 
     def move(arm: Array, held: Array, driven: Array, water: Array) -> Array:
-        change = FlowPerturbation(*water)
-        after, _ = step_with(system, before.at(arm, held), shaped(driven), step, change)
+        after, _ = step_with(system, before.at(arm, held), shaped(driven), step, water)
         return LocalCoordinates(system, jax.lax.stop_gradient(after)).read(after)[0]
 
     def follow(actuators: Array, command: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.base import Prescribed
-from crinoid.dynamics.rows import CENTRE, GHOST, ROOT, ROTATION, SPIN
+from crinoid.dynamics.rows import CENTRE, GHOST, ROOT, ROTATION, SPIN, Rows
 from crinoid.elements import Motion
 from crinoid.elements.water import smooth_speed
 from crinoid.numerics.frames import Frames, cross, dot, moments, rotation_velocity
@@ -20,7 +20,6 @@ from crinoid.numerics.small_matrices import product
 Vector = Float[Array, " d"]
 Turns = Float[Array, " turns"]
 Held = Float[Array, "2 b"]
-Rows = Float[Array, "rows b"]
 
 
 class VehicleKinematics(eqx.Module):
@@ -108,14 +107,10 @@ class Thrusters(eqx.Module):
     All zero without thrusters.
     """
 
-    stiffness: Vector
-    """N/m"""
-    damping: Vector
-    """N s/m"""
-    turn_stiffness: Turns
-    """N m/rad"""
-    turn_damping: Turns
-    """N m s/rad"""
+    stiffness: Vector  # N/m
+    damping: Vector  # N s/m
+    turn_stiffness: Turns  # N m/rad
+    turn_damping: Turns  # N m s/rad
     max_force: Float[Array, ""]
     max_moment: Float[Array, ""]
 

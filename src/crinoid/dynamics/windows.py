@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,20 +12,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.rows import Rows
 from crinoid.elements import Element, Law, Motion, TangentDirection
 from crinoid.numerics import banded, index_array
 
-Rows = Float[Array, "rows b"]
 Points = Float[Array, "rows d"]
-
-
-class FlowPerturbation(NamedTuple):
-    """Change of the flow at the nodes."""
-
-    velocity: Float[Array, "n d"]
-    """m/s."""
-    acceleration: Float[Array, "n d"]
-    """Material acceleration (m/s2)."""
 
 
 class Surroundings(eqx.Module):
@@ -55,22 +46,12 @@ class Surroundings(eqx.Module):
             return velocity, self.acceleration
         return velocity, self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1)
 
-    def perturbed(self, perturbation: FlowPerturbation) -> "Surroundings":
-        """Return the surroundings with the flow at the nodes, the first rows, changed."""
-        nodes = slice(perturbation.velocity.shape[0])
-        return replace(
-            self,
-            velocity=self.velocity.at[nodes].add(perturbation.velocity),
-            acceleration=self.acceleration.at[nodes].add(perturbation.acceleration),
-        )
-
 
 Held = tuple[Any, Array | None] | None
 """Memory of an element, prepared for a step, and the step's length in each window (s)."""
 Slopes = tuple[Array, Array | None]
 
 Laws = tuple[tuple[Law, Held], ...]
-"""Laws, each with its memory."""
 ArmLaws = tuple[tuple[Element, Held], ...]
 """Elements of an arm, each with its memory."""
 

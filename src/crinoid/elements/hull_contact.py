@@ -85,9 +85,6 @@ class HullContact(SoftSkin):
         places = moved[:, :3]
         return jnp.max(size(places[:2] - places[3 if len(moved) == 4 else 4]))
 
-    def residual(self, motion: Motion) -> Float[Array, "k b"]:
-        return -self.forces(motion)
-
     def gap(self, position: Float[Array, "k b"], pose: VehiclePose | None) -> Float[Array, ""]:
         return self._closest(position[:2, :3], self._points(position, pose))[0]
 
@@ -135,8 +132,8 @@ class HullContact(SoftSkin):
         (rubbed,) = spread(self.rubbing(pressing, sliding))
         return rubbed.at[:, :axes].add(pressing * slopes)
 
-    def forces(self, motion: Motion) -> Float[Array, "k b"]:
-        """Return the forces on the nodes of the edge, and the reaction on ghost node and root."""
+    def residual(self, motion: Motion) -> Float[Array, "k b"]:
+        """Return minus the forces on the edge, and minus the reaction on ghost node and root."""
         axes = motion.flow_velocity.shape[-1]
         places, pushed = motion.position[:, :axes], self.on_edge(motion)
         forces, levers = pushed[:, :axes], places[:2] - places[3]
@@ -154,7 +151,7 @@ class HullContact(SoftSkin):
             about = product(moment, ghost) / jnp.sqrt(far)
             reaction = jnp.concatenate([reaction, jnp.stack([0 * about, about])[:, None]], axis=1)
         rest = jnp.zeros((motion.position.shape[0] - 4, pushed.shape[1]))
-        return jnp.concatenate([pushed, reaction, rest])
+        return -jnp.concatenate([pushed, reaction, rest])
 
     def _closest(
         self, ends: Float[Array, "2 d"], axis: Float[Array, "2 d"]

@@ -27,7 +27,6 @@ class DistributedLoad(Element):
     stencil: ClassVar[int] = 2
     spins: ClassVar[bool] = True
     external: ClassVar[bool] = True
-    worked: ClassVar[str] = "loads"
     first: int = eqx.field(static=True)
     tangential: Float[Array, "*count"]
     """Force along the tangent on each end of an edge (N)."""
@@ -82,7 +81,6 @@ class TipLoad(Element):
     stencil: ClassVar[int] = 3
     spins: ClassVar[bool] = True
     external: ClassVar[bool] = True
-    worked: ClassVar[str] = "loads"
     first: int = eqx.field(static=True)
     dead_force: Float[Array, "*count d"]
     """Force that keeps its direction (N)."""

@@ -44,8 +44,7 @@ class Node(NamedTuple):
     """Kinematics of a node: two edges, and the strains between them."""
 
     tangent: Float[Array, "2 d"]
-    length: Float[Array, "2"]
-    """m."""
+    length: Float[Array, "2"]  # m
     lever: Float[Array, "2 d"]
     """Tangents over lengths: ``lever x v`` is the turning of an edge whose ends part by ``v``."""
     strains: Float[Array, " s"]

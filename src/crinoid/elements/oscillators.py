@@ -21,8 +21,7 @@ class Oscillation(NamedTuple):
     """``U / D`` (1/s)."""
     speed: Scalar
     """``U`` (m/s)."""
-    diameter: Scalar
-    """m."""
+    diameter: Scalar  # m
     direction: Float[Array, "*count d"]
     """Unit vector of the oscillation."""
     relative: Float[Array, "*count d"]

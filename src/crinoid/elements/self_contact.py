@@ -57,15 +57,11 @@ class SelfContact(SoftSkin):
         places = moved[:, :3]
         return jnp.max(size(places[:2, None] - places[None, 2:]))
 
-    def residual(self, motion: Motion) -> Float[Array, "4 b"]:
-        return -self.forces(motion)
-
     def gap(self, position: Float[Array, "4 b"], pose: Any) -> Float[Array, ""]:
         distance, _, _, _ = _closest(position[:, :3])
         return distance - self.between_axes
 
-    def forces(self, motion: Motion) -> Float[Array, "4 b"]:
-        """Return the forces on the four nodes (N); in space also torques about the edges (N m)."""
+    def residual(self, motion: Motion) -> Float[Array, "4 b"]:
         axes = motion.flow_velocity.shape[-1]
         places = motion.position[:, :axes]
         distance, slopes, shares, between = _closest(places)
@@ -83,7 +79,7 @@ class SelfContact(SoftSkin):
         sliding, spread = jax.vjp(slide, motion.velocity)
         sliding = sliding - product(sliding, outward) * outward
         (rubbed,) = spread(self.rubbing(pressing, sliding))
-        return rubbed.at[:, :axes].add(pressing * slopes)
+        return -rubbed.at[:, :axes].add(pressing * slopes)
 
 
 def _closest(position: Float[Array, "4 d"]) -> tuple[Array, Array, Array, Array]:

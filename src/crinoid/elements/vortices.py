@@ -56,8 +56,7 @@ class Vortices(Element):
     external: ClassVar[bool] = True
     worked: ClassVar[str] = "drag"
     first: int = eqx.field(static=True)
-    diameter: Float[Array, "*count"]
-    """m."""
+    diameter: Float[Array, "*count"]  # m
     length: Float[Array, "*count"]
     """Length of the edge (m)."""
     density: Float[Array, "*count"]

@@ -36,11 +36,9 @@ class Drag(Element):
     """Force per length over ``|w_n| w_n`` at the start, the middle and the end of an edge,
     times its length (kg/m)."""
     tangential: Float[Array, "*count 3"]
-    """Force per length over ``|w_t| w_t`` at the start, the middle and the end of an edge,
-    times its length (kg/m)."""
+    """Likewise over ``|w_t| w_t`` (kg/m)."""
     linear: Float[Array, "*count 3"]
-    """Force per length over ``w`` at the start, the middle and the end of an edge,
-    times its length (kg/s)."""
+    """Likewise over ``w`` (kg/s)."""
     reynolds: Float[Array, "*count 3"] | None = None
     """Reynolds number over the speed across, at the same places (s/m); None: constant drag."""
 

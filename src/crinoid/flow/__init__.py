@@ -14,6 +14,7 @@ from crinoid.flow.flow import Current as Current
 from crinoid.flow.flow import Flow as Flow
 from crinoid.flow.flow import Jet as Jet
 from crinoid.flow.flow import Water as Water
+from crinoid.flow.ship_wake import ShipWake as ShipWake
 from crinoid.flow.turbulence import GaussMarkov as GaussMarkov
 from crinoid.flow.turbulence import Turbulence as Turbulence
 from crinoid.flow.waves import Waves as Waves

@@ -375,7 +375,7 @@ def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) ->
 
     def improved(number: Array, given: tuple[Array, ...]) -> Array:
         frequency, depth, gravity, current = given
-        sigma, group = _dispersion(number, depth, gravity, jnp)
+        sigma, group = dispersion(number, depth, gravity, jnp)
         return number + (frequency - sigma - number * current) / (group + current)
 
     given = tuple(jnp.asarray(each, float) for each in (frequency, depth, gravity, current))
@@ -413,13 +413,13 @@ def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarr
     high = gravity / (4 * slow**2)  # that of deep water
     if depth is not None and slow.size:
         low, high = 0 * slow, np.maximum(high, 1 / depth)
-        while np.any(behind := _dispersion(high, depth, gravity)[1] > slow):
+        while np.any(behind := dispersion(high, depth, gravity)[1] > slow):
             high = np.where(behind, 2 * high, high)
         for _ in range(100):
             middle = 0.5 * (low + high)
-            ahead = _dispersion(middle, depth, gravity)[1] > slow
+            ahead = dispersion(middle, depth, gravity)[1] > slow
             low, high = np.where(ahead, middle, low), np.where(ahead, high, middle)
-    found[(against > 0) & ~fast] = _dispersion(high, depth, gravity)[0] - high * slow
+    found[(against > 0) & ~fast] = dispersion(high, depth, gravity)[0] - high * slow
     return np.where(against > 0, found, np.inf)
 
 
@@ -460,7 +460,7 @@ def _quantiles(grid: Float[np.ndarray, " x"], density: Float[np.ndarray, " x"], 
     return np.interp(shares, below / below[-1], grid)
 
 
-def _dispersion(number: Any, depth: Any, gravity: Any, xp: Any = np) -> tuple[Any, Any]:
+def dispersion(number: Any, depth: Any, gravity: Any, xp: Any = np) -> tuple[Any, Any]:
     """Return the frequency from the water (rad/s) and the speed of the energy (m/s)."""
     if depth is None:
         sigma = xp.sqrt(gravity * number)

@@ -56,5 +56,8 @@ POSE = {2: ("x", "z", "angle"), 3: ("x", "y", "z", "direction_x", "direction_y",
 """Components of the tip's pose: its position (m) and its direction, in the plane an angle (rad) and
 in space a unit vector."""
 
+STEEP = 0.26
+"""Cosine of the tilt below which pan and roll of the root are hardly defined."""
+
 LARGEST_TURN = 170.0
 """Largest valid turn between two edges (degrees)."""

@@ -3,15 +3,11 @@
 May import ``analysis`` and lower folders.
 """
 
-TUNING = "tune.nc"
-"""Name of the file of a tuning."""
-IDENTIFICATION = "identify.nc"
-"""Name of the file of an identification."""
-OPTIMISATION = "optimise.nc"
-"""Name of the file of an optimisation."""
+TUNING = "tune.nc"  # name of the file of a tuning
+IDENTIFICATION = "identify.nc"  # name of the file of an identification
+OPTIMISATION = "optimise.nc"  # name of the file of an optimisation
 
-ESTIMATE = "estimate.nc"
-"""Name of the file of an estimate."""
+ESTIMATE = "estimate.nc"  # name of the file of an estimate
 
 
 class StoppedError(Exception):

@@ -8,24 +8,18 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-_FAILED = 5.0
-"""Value of a failed trial, above the largest one so far."""
-_NEAR = 0.01
-"""Excess of a point that is near enough."""
-_NEAREST_TRIALS = 20
-"""Largest number of trials of `move_inside`."""
-_FAR = 0.2
-"""Distance of a step, in `move_inside`."""
+_FAILED = 5.0  # value of a failed trial, above the largest one so far
+_NEAR = 0.01  # excess of a point that is near enough
+_NEAREST_TRIALS = 20  # largest number of trials of `move_inside`
+_FAR = 0.2  # distance of a step, in `move_inside`
 
-Point = Float[np.ndarray, " number"]
-"""Numbers from 0 to 1."""
+Point = Float[np.ndarray, " number"]  # numbers from 0 to 1
 
 
 class SearchTrial(NamedTuple):
     """Result at a point."""
 
-    value: float
-    """Value to minimise; NaN of a point that has none."""
+    value: float  # value to minimise; NaN of a point that has none
     gradient: Point
     excess: float | Float[np.ndarray, " limit"]
     """Violation of the limit, or of each; 0 or less where it is kept."""

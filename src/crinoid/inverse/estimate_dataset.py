@@ -14,10 +14,8 @@ from crinoid.foundation.axes import AXES
 from crinoid.foundation.result_variables import quantity
 from crinoid.results.dataset import described
 
-_SIGMAS = 2.0
-"""Standard deviations within which innovations are counted."""
-_TAIL = 0.025
-"""Probability beyond each end of the interval of the mean square."""
+_SIGMAS = 2.0  # standard deviations within which innovations are counted
+_TAIL = 0.025  # probability beyond each end of the interval of the mean square
 
 Ticks = Float[np.ndarray, " tick"]
 Values = Float[np.ndarray, "tick y"]
@@ -29,22 +27,16 @@ class Filtered(NamedTuple):
     states: Float[np.ndarray, "tick z"]
     deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
     """Standard deviations of tip and nodes, square root of the covariance of the current."""
-    innovation: Values
-    """New readings less those expected; nan without a new one."""
+    innovation: Values  # new readings less those expected; nan without a new one
     innovation_std: Values
-    squared: Ticks
-    """Squares of the innovations, normalised by their covariance and summed up."""
+    squared: Ticks  # squares of the innovations, normalised by their covariance and summed up
 
 
 def estimate_dataset(
-    plan: AssembledScenario,
-    axes: int,
-    time: Ticks,
-    found: Estimate,
-    filtered: Filtered,
-    measured: Values,
+    plan: AssembledScenario, time: Ticks, found: Estimate, filtered: Filtered, measured: Values
 ) -> xr.Dataset:
     """Return estimates and innovations at the times (s) of the calls of an observer."""
+    axes = plan.scenario.arm.dimension
     assert found.position is not None
     assert found.flow_velocity is not None
     tip = {"value": np.array(found.tip.value), "std": np.asarray(found.tip.std)}

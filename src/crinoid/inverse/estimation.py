@@ -100,7 +100,7 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     outputs = observer_outputs(plan, model, parts.outputs, np.zeros_like(parts.move))
     filtered = _filtered(parts, variance, outputs, numbers, changes)
     found = _outputs(plan, outputs, filtered, numbers, time)
-    data = estimate_dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
+    data = estimate_dataset(plan, time, found, filtered, measured)
     notes = [*prepared.notes(), *record.notes, *_notes_on_inputs(plan, record, inputs)]
     about = {"status": "ok", "notes": "\n".join(notes)}
     data.attrs = describe(scenario) | about | consistency(filtered)
@@ -156,8 +156,7 @@ class _Arrival(NamedTuple):
     newest: Int[np.ndarray, " tick"]
     """Row of the newest reading that is known at each call; -1 before the first one."""
     fresh: Bool[np.ndarray, " tick"]
-    age: int
-    """How old new readings are on average, in control periods."""
+    age: int  # how old new readings are on average, in control periods
 
     @staticmethod
     def of(readings: Readings | None, time: Ticks, delay: float, period: float) -> _Arrival:

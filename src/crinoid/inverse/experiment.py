@@ -23,8 +23,7 @@ from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.simulation import Loop, closed_loop
 
-_STEP = 1e-5
-"""Step of the logarithm of a parameter in the differences of an arm's arrays."""
+_STEP = 1e-5  # step of the logarithm of a parameter in the differences of an arm's arrays
 
 
 class RecordComparison(NamedTuple):
@@ -50,10 +49,8 @@ class Experiment:
         self.scenario, self.unknowns = scenario, unknowns
         step, axes = scenario.simulation.time_step, scenario.arm.dimension
         within = record.time <= scenario.simulation.duration * (1 + 1e-9)
-        self.late = int((~within).sum())
-        """Number of rows after the end of the run, which are left out."""
-        self.record = record.rows(within)
-        """The rows within the run."""
+        self.late = int((~within).sum())  # rows after the end of the run, which are left out
+        self.record = record.rows(within)  # the rows within the run
         self.time, self.measured = self.record.time, self.record.values
         if self.record.holds is None:
             if not within.any():

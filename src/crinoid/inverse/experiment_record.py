@@ -12,18 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from crinoid.actuation import Input
 from crinoid.foundation.axes import AXES, POSE
-from crinoid.inverse.logs import (
-    HOLD,
-    LARGEST,
-    MARKER,
-    Commands,
-    LogTable,
-    column_of,
-    commands_of,
-    readings_of,
-    record_errors,
-    result_folder,
-)
+from crinoid.inverse import logs
 from crinoid.inverse.marker import TIP, Marker
 from crinoid.recording.numbers import Column, labels_of
 from crinoid.recording.readers import read_dataset
@@ -33,10 +22,8 @@ from crinoid.results.result import Result
 from crinoid.scenario import Scenario, counted, got, one_of, refusal
 from crinoid.scenario.actuator import Tendon
 
-LOST = 0.25
-"""Largest share of the rows that may be set aside as lost markers."""
-_REACH = 1.25
-"""Largest distance of a record from the root, over the arm's length in the run."""
+LOST = 0.25  # largest share of the rows that may be set aside as lost markers
+_REACH = 1.25  # largest distance of a record from the root, over the arm's length in the run
 _STUCK = 0.02
 """Path of the tip in the run, over the arm's length, along which a resting marker is stuck."""
 _CLEARLY = 0.2
@@ -49,10 +36,8 @@ class Holds(NamedTuple):
     """Static holds: the arm at rest, each under constant shares of its threads."""
 
     names: tuple[str, ...]
-    of_row: Int[np.ndarray, " time"]
-    """Hold of each row."""
-    threads: tuple[int, ...]
-    """Chambers and tendons of given shares; the others have those of t = 0."""
+    of_row: Int[np.ndarray, " time"]  # hold of each row
+    threads: tuple[int, ...]  # chambers and tendons of given shares; the others have those of t = 0
     shares: Float[np.ndarray, "hold thread"]
 
 
@@ -62,20 +47,17 @@ class ExperimentRecord:
 
     time: Float[np.ndarray, " time"]
     """Times (s) since the start of the run, increasing for each marker; 0 of a hold."""
-    names: tuple[str, ...]
-    """Measured coordinates (`crinoid.foundation.axes.POSE`)."""
+    names: tuple[str, ...]  # measured coordinates (`crinoid.foundation.axes.POSE`)
     values: Float[np.ndarray, "time quantity"]
     """Values of the coordinates in the world (m; rad; components of a unit vector)."""
-    commands: Commands | None
+    commands: logs.Commands | None
     """Commands of all inputs (m, rad, or in their units); None without recorded ones."""
-    notes: tuple[str, ...] = ()
-    """Notes on assumptions and omitted rows."""
+    notes: tuple[str, ...] = ()  # notes on assumptions and omitted rows
     markers: tuple[Marker, ...] = ()
     of_row: Int[np.ndarray, " time"] | None = None
     """Marker of each row, counted from 1; 0 is the tip, as in all rows with None."""
     holds: Holds | None = None
-    name: str = ""
-    """Name of the experiment, if there are several."""
+    name: str = ""  # name of the experiment, if there are several
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of the scenario in this experiment, by key."""
 
@@ -100,8 +82,8 @@ def read_record(
     `crinoid.foundation.axes.POSE`, and some of the names of the inputs. A column ``marker`` names
     the tip or one of the ``markers``. A result is given by its folder or its ``result.nc``.
     """
-    with record_errors():
-        if folder := result_folder(path):
+    with logs.record_errors():
+        if folder := logs.result_folder(path):
             return _of_result(folder, scenario, inputs)
         return _of_table(str(path), scenario, inputs, markers)
 
@@ -110,15 +92,17 @@ def _of_table(
     file: str, scenario: Scenario, inputs: Sequence[Input], markers: tuple[Marker, ...]
 ) -> ExperimentRecord:
     axes = scenario.arm.dimension
-    columns = [column_of(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
-    columns += [column_of(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
-    log = LogTable(file, columns, inputs, of_marker=len(AXES[axes]), holds=True)
+    columns = [
+        logs.column_of(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]
+    ]
+    columns += [logs.column_of(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
+    log = logs.LogTable(file, columns, inputs, of_marker=len(AXES[axes]), holds=True)
     places = {TIP: 0} | {marker.name: k for k, marker in enumerate(markers, start=1)}
     for label in log.labels or ():
         if label not in places:
             must = f"be {one_of(places)}"
-            raise refusal(MARKER, got(label, must, "A [[marker]] describes another one."))
-    if log.along == HOLD:
+            raise refusal(logs.MARKER, got(label, must, "A [[marker]] describes another one."))
+    if log.along == logs.HOLD:
         return replace(_of_holds(log, scenario, places), markers=markers)
     tracks = {None: 0} if log.labels is None else {label: places[label] for label in log.labels}
     motions = [log.series(log.measured, label) for label in tracks]
@@ -134,23 +118,25 @@ def _of_table(
     )
 
 
-def _of_holds(log: LogTable, scenario: Scenario, places: Mapping[str, int]) -> ExperimentRecord:
+def _of_holds(
+    log: logs.LogTable, scenario: Scenario, places: Mapping[str, int]
+) -> ExperimentRecord:
     """Return the holds in a table, with a row for each marker in each hold."""
     driven = {}
     for name, thread in scenario.threads.items():
         unit = "N" if isinstance(thread, Tendon) else "Pa"
         factors = {"1": 1.0} if thread.lined else {"1": 1.0, unit: 1 / thread.largest}
-        driven[name] = Column(name, name, factors.get, "1", LARGEST)
-    known = (HOLD, MARKER, *(column.name for column in log.measured), *driven)
+        driven[name] = Column(name, name, factors.get, "1", logs.LARGEST)
+    known = (logs.HOLD, logs.MARKER, *(column.name for column in log.measured), *driven)
     with read_dataset(log.file) as dataset:
         for name in log.names:
             if name not in known and name not in dataset.dims:
                 others = listed([*POSE[scenario.arm.dimension], *driven])
-                must = f"be {HOLD}, {MARKER} or one of {others}"
+                must = f"be {logs.HOLD}, {logs.MARKER} or one of {others}"
                 raise refusal("file", f"has a column {name}", must)
         played = [column for name, column in driven.items() if name in log.names]
         remarks: list[str] = []
-        clock = dataset[HOLD]
+        clock = dataset[logs.HOLD]
         values = values_in(dataset, log.measured, clock, log.file, remarks)
         shares = values_in(dataset, played, clock, log.file, remarks)
         labels = np.array(labels_of(clock))
@@ -160,7 +146,7 @@ def _of_holds(log: LogTable, scenario: Scenario, places: Mapping[str, int]) -> E
     for row, column in np.argwhere(~(shares == shares[first][holds])):  # nor is a gap equal
         one, other = shares[row, column], shares[first[holds[row]], column]
         text = f"{played[column].name} is {one:.6g} and {other:.6g} in hold {labels[row]}"
-        raise refusal(HOLD, text, "be the same number in all rows of a hold")
+        raise refusal(logs.HOLD, text, "be the same number in all rows of a hold")
     there = np.isfinite(values).all(axis=1)
     if not there.all():
         remarks.append(f"{counted(int((~there).sum()), 'row')} without a value are left out")
@@ -200,11 +186,11 @@ def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> Exp
     scenario = result.scenario
     there = {str(name) for name in data["reading"].values}
     names = tuple(name for name in POSE[axes] if f"tip.{name}" in there)
-    times, values = readings_of(result, scenario.sensor, [f"tip.{name}" for name in names])
+    times, values = logs.readings_of(result, scenario.sensor, [f"tip.{name}" for name in names])
     if times.size < 2:
         text = f"{folder}: the run has {times.size} readings of the tip; must have at least 2"
         raise refusal("file", text)
-    return ExperimentRecord(times, names, values, commands_of(result, inputs))
+    return ExperimentRecord(times, names, values, logs.commands_of(result, inputs))
 
 
 def within_reach(

@@ -22,16 +22,14 @@ _MARGIN = Measure("1", "margin", "modulus margin that the loop keeps", lambda _:
 """Measure of a loop, not of a run (`crinoid.inverse.stability`)."""
 
 
-Found = Float[np.ndarray, "*draw"] | np.float64
-"""A measure in some draws, or in one."""
+Found = Float[np.ndarray, "*draw"] | np.float64  # a measure in some draws, or in one
 
 
 class Limit(NamedTuple):
     """Limit of a measure."""
 
     measure: str
-    sign: int
-    """1: the measure is to be below the value; -1: above."""
+    sign: int  # 1: the measure is to be below the value; -1: above
     value: float
 
     def excess(self, found: Found) -> Found:

@@ -15,8 +15,7 @@ from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
 from crinoid.inverse.stability import StabilityMargin
 from crinoid.scenario import ScenarioError
 
-_ENOUGH = 1e-6
-"""A search ends when a step changes its objective by less than this."""
+_ENOUGH = 1e-6  # a search ends when a step changes its objective by less than this
 
 _REFUSALS = (StructureError, ScenarioError, RuntimeError)
 """Errors that a search survives: the point counts as a failed trial."""
@@ -45,8 +44,7 @@ class GradientSearch:
     ) -> None:
         self._loop, self._goal, self._margin, self._stop = loop, goal, margin, stop
         self._scale, self._step = scale, step
-        self.failure = ""
-        """Why a point was not run."""
+        self.failure = ""  # why a point was not run
         self._known: dict[bytes, SearchTrial] = {}
 
     def begin(self, start: Point) -> Point:

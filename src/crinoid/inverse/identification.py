@@ -20,34 +20,26 @@ from crinoid.inverse.weights import RecordWeights
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal
 
-_SHARES = (0.125, 0.25, 0.5, 1.0)
-"""Shares of the record that the progressive search fits in turn."""
-_TRIALS = 30
-"""Largest number of trials in each fit."""
+_SHARES = (0.125, 0.25, 0.5, 1.0)  # shares of the record that the progressive search fits in turn
+_TRIALS = 30  # largest number of trials in each fit
 _ROUGH, _FINE = 1e-3, 1e-8
 """Relative changes at which a fit of a part of the record has converged, and of the whole."""
-_ROUNDS = 4
-"""Largest number of fits, each with the scatter of the one before."""
+_ROUNDS = 4  # largest number of fits, each with the scatter of the one before
 _FARTHEST, _NEARLY = np.log(1e4), 0.99
 """Largest logarithm of a number over its given value, and the share of it which counts as the end;
 a number that may as well be 0 ends there."""
 _INSENSITIVE = 1e-6
 """Sensitivity below which a parameter has no effect, over the size of a coordinate."""
-_ALIKE = 1e-6
-"""Least ratio of singular values at which parameters are distinguishable."""
-_NORMAL = 1.959964
-"""Half of the 95 % interval of a normal law, over its standard deviation."""
+_ALIKE = 1e-6  # least ratio of singular values at which parameters are distinguishable
+_NORMAL = 1.959964  # half of the 95 % interval of a normal law, over its standard deviation
 
 Runs = list[RecordComparison]
 
 
 class _Fit(NamedTuple):
-    logs: Vector
-    """Logarithms of the parameters over their initial values."""
-    runs: Runs
-    """Comparison of each experiment with its record."""
-    cost: float
-    """Mean square of the residuals over the scatter, limited to that of a lost marker."""
+    logs: Vector  # logarithms of the parameters over their initial values
+    runs: Runs  # comparison of each experiment with its record
+    cost: float  # mean square of the residuals over the scatter, limited to that of a lost marker
 
 
 class Identification:
@@ -88,15 +80,11 @@ class Identification:
             text = "does not affect the motion. Name a parameter of arm, water or actuators."
             raise ScenarioError([Mistake(key, text) for key in idle])
         self.trials = 0
-        self.total = (1 + len(_SHARES) + _ROUNDS) * _TRIALS
-        """Largest number of trials."""
-        self.failure = ""
-        """Why the first run failed; empty if it did not."""
+        self.total = (1 + len(_SHARES) + _ROUNDS) * _TRIALS  # largest number of trials
+        self.failure = ""  # why the first run failed; empty if it did not
         self.before: _Fit | None = None
-        self.found: _Fit | None = None
-        """The best fit so far."""
-        self.weights: list[RecordWeights] = []
-        """Weights of each record."""
+        self.found: _Fit | None = None  # the best fit so far
+        self.weights: list[RecordWeights] = []  # weights of each record
         self._latest: tuple[bytes, Runs] | None = None
 
     @property

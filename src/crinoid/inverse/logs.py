@@ -24,19 +24,15 @@ from crinoid.results.result_file import attributes
 from crinoid.scenario import Mistake, ScenarioError, refusal
 from crinoid.scenario.sensor import Sampling
 
-TIME, HOLD, MARKER = "time", "hold", "marker"
-"""Columns of a table."""
-LARGEST = 1e12
-"""Larger numbers mark missing values."""
+TIME, HOLD, MARKER = "time", "hold", "marker"  # columns of a table
+LARGEST = 1e12  # larger numbers mark missing values
 
 
 class Commands(NamedTuple):
     """Recorded commands, each valid until the time of the next."""
 
-    time: Float[np.ndarray, " row"]
-    """Times of the run (s), increasing."""
-    values: Float[np.ndarray, "row input"]
-    """Commands of all inputs, each in its unit (m, rad, 1)."""
+    time: Float[np.ndarray, " row"]  # times of the run (s), increasing
+    values: Float[np.ndarray, "row input"]  # commands of all inputs, each in its unit (m, rad, 1)
 
 
 def commands_of(result: Result, inputs: Sequence[Input]) -> Commands | None:
@@ -88,8 +84,7 @@ class LogTable:
             self.labels = _markers_in(dataset, self.clock)
             """Marker of each row; None without a column of them."""
         self._inputs = [column_of(each.name, each.unit) for each in inputs]
-        self.played = [column for column in self._inputs if column.name in there]
-        """Columns of commands."""
+        self.played = [column for column in self._inputs if column.name in there]  # of commands
 
     def series(
         self, columns: Sequence[Column], label: str | None = None, *, gaps: bool = False

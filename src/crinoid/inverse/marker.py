@@ -19,8 +19,7 @@ from crinoid.scenario import Scenario
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import PER_AXIS, Components, Metres, Quantity
 
-TIP = "tip"
-"""Name of the tip, a marker that needs no table; its direction may be measured too."""
+TIP = "tip"  # name of the tip, a marker that needs no table; its direction may be measured too
 
 
 class Marker(Model):
@@ -38,14 +37,10 @@ class Marker(Model):
 class MarkerWeights(eqx.Module):
     """Places of markers as sums over nodes and edges: cubic splines along the arm at rest."""
 
-    position: Float[Array, "marker node"]
-    """Weights of the nodes in the place on the axis."""
-    tangent: Float[Array, "marker node"]
-    """Weights of the nodes in the derivative along the arm (1/m)."""
-    director: Float[Array, "marker edge"]
-    """Weights of the edges in the director m_1."""
-    offset: Float[Array, "marker d"]
-    """Offsets along the tangent and the directors (m)."""
+    position: Float[Array, "marker node"]  # weights of the nodes in the place on the axis
+    tangent: Float[Array, "marker node"]  # those in the derivative along the arm (1/m)
+    director: Float[Array, "marker edge"]  # weights of the edges in the director m_1
+    offset: Float[Array, "marker d"]  # offsets along the tangent and the directors (m)
 
     @staticmethod
     def of(markers: Sequence[Marker], scenario: Scenario) -> MarkerWeights:

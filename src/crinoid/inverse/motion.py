@@ -27,10 +27,8 @@ class ArmPlaces(NamedTuple):
 
     marker: Float[Array, "*instant place output"]
     """Pose of the tip (m, rad), and places of the markers (m)."""
-    root: Float[Array, "*instant d"]
-    """Place of the root (m)."""
-    length: Float[Array, "*instant"]
-    """Length of the arm (m)."""
+    root: Float[Array, "*instant d"]  # place of the root (m)
+    length: Float[Array, "*instant"]  # length of the arm (m)
 
     @staticmethod
     def of(system: System, weights: MarkerWeights, state: State) -> ArmPlaces:
@@ -44,17 +42,14 @@ class ArmPlaces(NamedTuple):
 class ArmMotion(NamedTuple):
     """Motion of an arm in a run, or its holds one after another, with the sensitivities."""
 
-    places: ArmPlaces
-    """Places at the ends of the time steps, or in the holds."""
+    places: ArmPlaces  # places at the ends of the time steps, or in the holds
     sensitivity: Float[Array, "parameter instant place output"]
     """Derivatives of the places of the markers by the parameters."""
-    at_rest: Bool[Array, ""]
-    """Whether an initial state was found, or the equilibria of all holds."""
+    at_rest: Bool[Array, ""]  # whether an initial state was found, or the equilibria of all holds
     converged: Bool[Array, ""]
     reason: Int[Array, ""]
     """Why the first time step that did not converge failed (`crinoid.dynamics.Reason`)."""
-    steps: Int[Array, ""]
-    """Number of time steps that succeeded, or of holds."""
+    steps: Int[Array, ""]  # number of time steps that succeeded, or of holds
 
 
 @compiled(**ONCE)
@@ -113,7 +108,6 @@ def _follow(
     at_rest: Bool[Array, ""],
     steps: int,
 ) -> ArmMotion:
-    """Return the motion from an initial state."""
     both, others = eqx.partition((numbers, state), eqx.is_inexact_array)
 
     def run(both: tuple[Numbers, State]) -> tuple[Array, tuple[ArmPlaces, Outcome, Array]]:

@@ -25,24 +25,18 @@ from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError, refusal
 
-STEP = 0.2
-"""First step of a search by gradients."""
+STEP = 0.2  # first step of a search by gradients
 STARTS = 4
 """Number of starts of a search by gradients: the given values, and points that fill the ranges."""
 _TOGETHER = 2 / 3
 """Share of the trials in which all starts are improved; the others improve the best point."""
-_LOOK = 1e-3
-"""Step of a coordinate in the differences of runs, with which gradients are compared."""
+_LOOK = 1e-3  # step of a coordinate in the differences of runs, with which gradients are compared
 _VALUE, _SLOPE = 0.01, 0.2
 """Largest relative difference of a measure, and of its gradient, from those of runs."""
-_ZERO = 1e-10
-"""Measure (SI units) that is round-off."""
-_POPULATION = 16
-"""Number of points of a generation in a search without gradients."""
-_POLL = 0.1
-"""Time between two checks of the threads of a search (s)."""
-_FINALISTS = 6
-"""Largest number of best trials that are run again with rounded numbers."""
+_ZERO = 1e-10  # measure (SI units) that is round-off
+_POPULATION = 16  # number of points of a generation in a search without gradients
+_POLL = 0.1  # time between two checks of the threads of a search (s)
+_FINALISTS = 6  # largest number of best trials that are run again with rounded numbers
 
 Found = Float[np.ndarray, "measure draw"]
 Report = Callable[[int, int, float], None]
@@ -52,8 +46,7 @@ class Trial(NamedTuple):
     """Measures at a point of the ranges."""
 
     point: Point
-    start: int
-    """Number of the start, or of the generation."""
+    start: int  # number of the start, or of the generation
     found: Found
 
 
@@ -92,22 +85,17 @@ class Optimisation:
         self.seeds = [scenario.seed + number for number in range(seeds)]
         self.total, self.margin = trials, margin
         self.trials: list[Trial] = []
-        self.best: Trial | None = None
-        """Best trial so far; at the end the best one of the real runs."""
-        self.given: Found | None = None
-        """Measures with the given values."""
-        self.why = ""
-        """Why no gradients are used; empty if they are."""
+        self.best: Trial | None = None  # best trial so far; at the end that of the real runs
+        self.given: Found | None = None  # measures with the given values
+        self.why = ""  # why no gradients are used; empty if they are
         self.starts: list[Point] = [ranges.start]
         self.starts += list(qmc.Sobol(len(ranges.keys), rng=scenario.seed).random(STARTS)[1:])
         first = max(1, round(_TOGETHER * trials / STARTS))
         self.shares = first, trials - STARTS * first
         """Largest numbers of trials: of each start, then of the best point."""
         self.runs = TrialRuns(goal, self.seeds, self._stop, rest=rest, margin=margin)
-        self.ended_early = False
-        """Whether a search by gradients had no trials left."""
-        self.random = True
-        """Whether draws differ, as far as is known."""
+        self.ended_early = False  # whether a search by gradients had no trials left
+        self.random = True  # whether draws differ, as far as is known
         self._poll: Callable[[], None] = lambda: None
         self._lock, self._stopped = threading.Lock(), threading.Event()
 

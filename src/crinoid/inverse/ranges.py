@@ -15,8 +15,7 @@ from crinoid.scenario.variation import Span
 
 Point = Float[np.ndarray, " key"]
 
-_TINY = 1e-300
-"""Ratio of values of different signs, in place of their logarithm."""
+_TINY = 1e-300  # ratio of values of different signs, in place of their logarithm
 _FORM = "be KEY=FROM:TO or KEY=FROM:TO:log with FROM below TO, such as arm.length=0.3:0.6"
 
 
@@ -33,8 +32,7 @@ class Ranges:
         if not over:
             raise refusal("--over", f"got nothing; must {_FORM}")
         pairs = [_read(text) for text in over]
-        self.spans = dict(pairs)
-        """Range of each key."""
+        self.spans = dict(pairs)  # range of each key
         self.keys = tuple(self.spans)
         if len(self.spans) < len(pairs):
             raise refusal("--over", "got a key twice; must name each once")
@@ -42,8 +40,7 @@ class Ranges:
         if mistakes:
             raise ScenarioError(mistakes)
         self._scenario = scenario
-        self.given = np.array(list(given.values()))
-        """Given value of each key."""
+        self.given = np.array(list(given.values()))  # given value of each key
         for key, span in self.spans.items():
             for end in (span.first, span.last):
                 scenario.with_values({key: float(end)})

@@ -11,16 +11,7 @@ from jaxtyping import Float
 
 from crinoid.actuation import Input
 from crinoid.control import Sensor
-from crinoid.inverse.logs import (
-    MARKER,
-    Commands,
-    LogTable,
-    column_of,
-    commands_of,
-    readings_of,
-    record_errors,
-    result_folder,
-)
+from crinoid.inverse import logs
 from crinoid.inverse.marker import TIP
 from crinoid.recording.numbers import Column
 from crinoid.recording.texts import listed
@@ -32,10 +23,8 @@ from crinoid.scenario.sensor import Sampling
 class Readings(NamedTuple):
     """Readings of a sensor, each with at least one value."""
 
-    time: Float[np.ndarray, " row"]
-    """Times of the measurements (s), increasing."""
-    values: Float[np.ndarray, "row value"]
-    """Values in SI units; nan where one is missing."""
+    time: Float[np.ndarray, " row"]  # times of the measurements (s), increasing
+    values: Float[np.ndarray, "row value"]  # values in SI units; nan where one is missing
 
     @staticmethod
     def of(time: Float[np.ndarray, " row"], values: Float[np.ndarray, "row value"]) -> Readings:
@@ -49,11 +38,10 @@ class ReadingRecord(NamedTuple):
 
     readings: tuple[Readings | None, ...]
     """Those of each sensor of the scenario, that of the tip first; None if the log has none."""
-    commands: Commands | None
+    commands: logs.Commands | None
     states: dict[str, Readings]
     """Measured drives of actuators by the names of their inputs, those of the base included."""
-    commanded: tuple[str, ...]
-    """Inputs that have commands; the others are at rest."""
+    commanded: tuple[str, ...]  # inputs that have commands; the others are at rest
     notes: tuple[str, ...]
 
     @property
@@ -78,20 +66,19 @@ def read_readings(
     ScenarioError
         If the file cannot be read or has no reading of a sensor of the scenario.
     """
-    with record_errors():
-        if folder := result_folder(path):
+    with logs.record_errors():
+        if folder := logs.result_folder(path):
             return _of_result(Result.load(folder), scenario, sensors, inputs)
         return _of_table(str(path), scenario, sensors, inputs)
 
 
 def _columns(scenario: Scenario, sensors: Sequence[Sensor]) -> list[list[Column]]:
-    """Return the columns of each sensor."""
     axes = scenario.arm.dimension
     found = []
     for index, sensor in enumerate(sensors):
         names = sensor.measurand.names(axes)
         before = f"{sensor.name}." if index else ""
-        found.append([column_of(f"{before}{name}", unit) for name, unit in names])
+        found.append([logs.column_of(f"{before}{name}", unit) for name, unit in names])
     return found
 
 
@@ -99,11 +86,11 @@ def _of_table(
     file: str, scenario: Scenario, sensors: Sequence[Sensor], inputs: Sequence[Input]
 ) -> ReadingRecord:
     columns = _columns(scenario, sensors)
-    log = LogTable(file, [column for some in columns for column in some], inputs)
+    log = logs.LogTable(file, [column for some in columns for column in some], inputs)
     labels = set(log.labels or ())
     if log.labels is not None and TIP not in labels:
-        raise refusal(MARKER, f"marker has {listed(sorted(labels))}", f"have rows of {TIP}")
-    followed = {each.name: column_of(f"{each.name}.state", each.unit) for each in inputs}
+        raise refusal(logs.MARKER, f"marker has {listed(sorted(labels))}", f"have rows of {TIP}")
+    followed = {each.name: logs.column_of(f"{each.name}.state", each.unit) for each in inputs}
     followed = {name: column for name, column in followed.items() if column.name in log.names}
     notes = log.not_read([column.name for column in followed.values()])
     if others := sorted(labels - {TIP}):
@@ -143,10 +130,10 @@ def _of_result(
         if table is None or not set(names) <= there:
             readings.append(None)
             continue
-        readings.append(Readings.of(*readings_of(result, table, names)))
+        readings.append(Readings.of(*logs.readings_of(result, table, names)))
     if not any(each is not None and each.time.size for each in readings):
         raise refusal("file", "the run has no reading of a sensor of the scenario")
-    commands = commands_of(result, inputs)
+    commands = logs.commands_of(result, inputs)
     if commands is None:
         return ReadingRecord(tuple(readings), None, {}, (), ())
     every = [*data["channel"].values, *(data["input"].values if "input" in data else ())]

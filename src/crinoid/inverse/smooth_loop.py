@@ -29,15 +29,12 @@ from crinoid.simulation import Loop, rollout, with_parameters
 from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import set_up
 
-_STEP = 1e-4
-"""Step of a coordinate in the differences of arrays."""
-_ALIKE = 1e-7
-"""Relative difference of equal arrays: that of equilibria found from different starts."""
+_STEP = 1e-4  # step of a coordinate in the differences of arrays
+_ALIKE = 1e-7  # relative difference of equal arrays: that of equilibria found from different starts
 _FEW = 3
 """Keys for each measure up to which forward mode is faster: it costs half a run for each key,
 reverse mode two runs for each measure."""
-_KEPT = 64
-"""Number of points whose controllers are kept."""
+_KEPT = 64  # number of points whose controllers are kept
 
 
 Numbers = tuple[Parameters | Loop, Float[Array, " thread"]]
@@ -47,16 +44,11 @@ Numbers = tuple[Parameters | Loop, Float[Array, " thread"]]
 class SeenInstants(NamedTuple):
     """Saved instants of a run that measures see."""
 
-    steps: int
-    """Number of time steps; 0 for the equilibrium at t = 0."""
-    stride: int
-    """Time steps between saved instants."""
-    judged: int
-    """Index of the first saved instant from which errors count."""
-    equilibrium: bool
-    """Whether the arm starts in equilibrium."""
-    weights: CostWeights
-    """Weights of errors and inputs in the cost of a controller."""
+    steps: int  # number of time steps; 0 for the equilibrium at t = 0
+    stride: int  # time steps between saved instants
+    judged: int  # index of the first saved instant from which errors count
+    equilibrium: bool  # whether the arm starts in equilibrium
+    weights: CostWeights  # weights of errors and inputs in the cost of a controller
 
 
 def _see(
@@ -128,8 +120,7 @@ class Neighbours(NamedTuple):
 
     loop: Loop
     pairs: list[tuple[Loop, Loop]]
-    widths: Float[np.ndarray, " key"]
-    """Distances between the loops of each pair."""
+    widths: Float[np.ndarray, " key"]  # distances between the loops of each pair
 
     def slopes(self, value: Callable[[Loop], float]) -> Float[np.ndarray, " key"]:
         """Return the derivatives of a function of the loop."""

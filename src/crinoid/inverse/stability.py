@@ -14,16 +14,11 @@ from crinoid.scenario import Scenario, refusal
 from crinoid.simulation import Loop
 from crinoid.simulation.setup import set_up
 
-_SHARPNESS = 100.0
-"""Sharpness of the smooth maximum over the frequencies."""
-_TIME = 1.0
-"""Time scale of the growth rate of an unstable loop (s)."""
-_LATE = 2.0
-"""Extra delay of commands that every loop must tolerate, in control periods."""
-_LATE_SHARE = 0.5
-"""Share of the modulus margin that must remain with this delay."""
-_EVERY = 5
-"""Stride through the frequencies, of which a part is enough for the gradient."""
+_SHARPNESS = 100.0  # sharpness of the smooth maximum over the frequencies
+_TIME = 1.0  # time scale of the growth rate of an unstable loop (s)
+_LATE = 2.0  # extra delay of commands that every loop must tolerate, in control periods
+_LATE_SHARE = 0.5  # share of the modulus margin that must remain with this delay
+_EVERY = 5  # stride through the frequencies, of which a part is enough for the gradient
 
 
 class StabilityMargin:

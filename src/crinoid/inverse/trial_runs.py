@@ -39,8 +39,7 @@ class TrialRuns:
         self._margin = margin
         self.settings: dict[str, Any] = {"output.variables": None}  # a measure may need any
         """Values of keys that all runs have."""
-        self.failure = ""
-        """Why the first run that failed did so."""
+        self.failure = ""  # why the first run that failed did so
 
     def __call__(
         self, scenarios: Sequence[Scenario | None], seeds: Sequence[int] | None = None

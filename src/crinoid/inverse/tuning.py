@@ -20,17 +20,13 @@ from crinoid.results.dataset import described
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.controller import ModelBased
 
-_FACTORS = (1.0, 2.0, 16.0, 0.25)
-"""Factors on the numbers of the scenario, one for each start."""
-_MOST = 1e3
-"""Largest factor on a number, or divisor."""
+_FACTORS = (1.0, 2.0, 16.0, 0.25)  # factors on the numbers of the scenario, one for each start
+_MOST = 1e3  # largest factor on a number, or divisor
 _WIDTH = 2 * math.log(_MOST)
-COST = "control_cost"
-"""The measure that tuning minimises."""
+COST = "control_cost"  # the measure that tuning minimises
 MARGINS = {"modulus": "1", "gain": "1", "phase": "rad", "delay": "s"}
 """Margins of a loop (`crinoid.simulation.loop_margin.Margin`), and their units."""
-HELD_OUT = ("before", "after", "uncontrolled")
-"""Controllers that held-out draws compare."""
+HELD_OUT = ("before", "after", "uncontrolled")  # controllers that held-out draws compare
 
 
 class Tuning(Optimisation):

@@ -51,8 +51,7 @@ class Unknowns:
     """
 
     def __init__(self, scenario: Scenario, keys: Sequence[str]) -> None:
-        self.keys = tuple(keys)
-        """Key of each number, with plus signs between keys in proportion."""
+        self.keys = tuple(keys)  # key of each number, with plus signs between keys in proportion
         parts = [[part.strip() for part in key.split("+")] for key in self.keys]
         every = [part for some in parts for part in some]
         mistakes = [

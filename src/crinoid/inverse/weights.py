@@ -17,10 +17,8 @@ _QUANTILE, _DEVIATIONS = 0.7, 1.0364
 _FAR, _JUMP, _AWAY, _WINDOW = 6.0, 0.005, 0.1, 7
 """Least distance of a lost marker over the scatter; its jump off a running median, and its
 distance, over the motion; rows of the running median."""
-_LEAST = 1e-12
-"""Least scatter, over the size of a coordinate."""
-_SETTLED = 0.02
-"""Relative change at which the scatter has converged."""
+_LEAST = 1e-12  # least scatter, over the size of a coordinate
+_SETTLED = 0.02  # relative change at which the scatter has converged
 
 
 PerQuantity = Float[np.ndarray, " quantity"]
@@ -38,8 +36,7 @@ class RecordWeights:
     def __init__(self, experiment: Experiment, first: ArmMotion) -> None:
         self.experiment = experiment
         self._within_reach, self.notes = experiment.within_reach(first)
-        self.used = self._within_reach
-        """Rows that are not set aside as lost markers."""
+        self.used = self._within_reach  # rows that are not set aside as lost markers
         size = np.median(np.abs(experiment.measured), axis=0) + experiment.scenario.arm.length
         self._least = _LEAST * size
         self.scatter = self._robust_scatter(experiment.compare(first))

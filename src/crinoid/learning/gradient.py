@@ -31,26 +31,19 @@ from crinoid.learning.rollout import (
 
 AVERAGED = (0.02, 0.05, 0.12, 0.3, 0.8, 2.0)
 """Time constants of the running averages of an observation (s)."""
-HIDDEN = (32, 32)
-"""Units of the hidden layers of the policy."""
+HIDDEN = (32, 32)  # units of the hidden layers of the policy
 _CRITIC_HIDDEN = (64, 64)
 _LARGEST_FEATURE = 10.0
 """Limit of the critic's features, over their typical size: larger ones are too rare to learn."""
-UNSCALED = 1e-9
-"""Factor on a feature whose size is unknown yet: so small that nothing saturates."""
-TRACE = 0.95
-"""Lambda of the critic's target (`lambda_returns`)."""
-_TARGET_SHARE = 0.2
-"""Share by which the target critic approaches the critic in an update."""
-_CRITIC_STEPS = 4
-"""Steps of the critic in an update."""
+UNSCALED = 1e-9  # factor on a feature whose size is unknown yet: so small that nothing saturates
+TRACE = 0.95  # lambda of the critic's target (`lambda_returns`)
+_TARGET_SHARE = 0.2  # share by which the target critic approaches the critic in an update
+_CRITIC_STEPS = 4  # steps of the critic in an update
 _RATE, _CRITIC_RATE = 3e-4, 1e-3
-_FINAL_SHARE = 0.05
-"""Learning rate at the end, over the initial one."""
+_FINAL_SHARE = 0.05  # learning rate at the end, over the initial one
 DIVERGED_COST = 20.0
 """Mean cost from which an arm counts as diverged; the critic learns no larger cost."""
-_LARGEST_GRADIENT = 1.0
-"""Norm to which the gradient of the policy is clipped."""
+_LARGEST_GRADIENT = 1.0  # norm to which the gradient of the policy is clipped
 _LARGEST_RATIO = 3.0
 """Norm of an arm's gradient that counts in full, over the median: near the edge of stability one
 arm would outweigh all others."""
@@ -119,8 +112,7 @@ class Learner(eqx.Module):
     """Slowly following copy of the critic, so that the critic does not chase itself."""
     policy_optimiser: Any
     critic_optimiser: Any
-    rate_factor: Float[Array, ""]
-    """Factor on the learning rate of the policy."""
+    rate_factor: Float[Array, ""]  # factor on the learning rate of the policy
 
 
 def _weights(policy: Policy) -> tuple[Any, Any]:

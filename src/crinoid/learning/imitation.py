@@ -24,14 +24,10 @@ from crinoid.learning.gradient import UNSCALED
 from crinoid.learning.rollout import EpisodeState, Learners
 from crinoid.simulation import Loop, LoopState, rollout
 
-ROUNDS = (1.0, 0.5, 0.0)
-"""Share of the teacher in each move, in successive rounds of episodes."""
-_NOISE = 0.02
-"""Standard deviation of the noise on each move, over the fastest move."""
-_CONSTANT = 1e-9
-"""Standard deviation below which a feature counts as constant, in its unit."""
-_RIDGE = 1e-5
-"""Ridge penalty on weights, over the mean square of a feature."""
+ROUNDS = (1.0, 0.5, 0.0)  # share of the teacher in each move, in successive rounds of episodes
+_NOISE = 0.02  # standard deviation of the noise on each move, over the fastest move
+_CONSTANT = 1e-9  # standard deviation below which a feature counts as constant, in its unit
+_RIDGE = 1e-5  # ridge penalty on weights, over the mean square of a feature
 
 
 class ImitationMemory(eqx.Module):
@@ -39,8 +35,7 @@ class ImitationMemory(eqx.Module):
 
     teacher: object
     pupil: NeuralMemory
-    advice: Float[Array, " driven"]
-    """Move that the teacher would make, over the fastest one."""
+    advice: Float[Array, " driven"]  # move that the teacher would make, over the fastest one
     calls: Int[Array, ""]
 
 
@@ -49,8 +44,7 @@ class GuidedPolicy(Controller):
 
     teacher: Controller
     pupil: Neural
-    share: Float[Array, ""]
-    """Share of the teacher in each move."""
+    share: Float[Array, ""]  # share of the teacher in each move
     key: PRNGKeyArray
 
     def start(self, seen: ControllerInput) -> ImitationMemory:

@@ -47,12 +47,9 @@ class StageCost(eqx.Module):
     """Weight of the error of each controlled coordinate; 0 for the others (1/m, 1/rad)."""
     speed_weight: Float[Array, " input"]
     """One over the largest change of each command in a control period; 0 for a fixed one."""
-    effort_weight: Float[Array, " input"]
-    """Weight of each command (1/its unit)."""
-    periods: Float[Array, ""]
-    """Control periods in a time step."""
-    unit: Float[Array, ""]
-    """Cost that counts as one."""
+    effort_weight: Float[Array, " input"]  # weight of each command (1/its unit)
+    periods: Float[Array, ""]  # control periods in a time step
+    unit: Float[Array, ""]  # cost that counts as one
 
     @staticmethod
     def of(plan: AssembledScenario, observables: Observables) -> StageCost:
@@ -92,22 +89,17 @@ class RolloutSegment(eqx.Module):
 
     observation: Observation
     stage_cost: StageCost
-    discount: Float[Array, ""]
-    """Weight of a time step over that of the step before."""
-    steps: int = eqx.field(static=True)
-    """Number of time steps."""
+    discount: Float[Array, ""]  # weight of a time step over that of the step before
+    steps: int = eqx.field(static=True)  # number of time steps
 
 
 class SegmentResult(eqx.Module):
     """Result of a segment for one arm."""
 
     end: LoopState
-    cost: Float[Array, " step"]
-    """Cost of each time step."""
-    distance: Float[Array, " step"]
-    """Distance of the tip from its target at the end of each step (m)."""
-    memory: Any
-    """Memory of the controller at the end of each step, or a part of it."""
+    cost: Float[Array, " step"]  # cost of each time step
+    distance: Float[Array, " step"]  # from tip to target at the end of each step (m)
+    memory: Any  # memory of the controller at the end of each step, or a part of it
 
 
 def run_segment(
@@ -162,8 +154,7 @@ class EpisodePool:
     ) -> None:
         self._sampler, self._controller, self._first = sampler, controller, first
         self.steps = sampler.scenario.simulation.steps
-        self.started = 0
-        """Number of episodes that have started."""
+        self.started = 0  # number of episodes that have started
         self.numbers, self.tries = np.zeros((2, count), int)
         """Number of the episode of each arm, and how often it went back."""
         # the first episodes end one after another, so that not all restart together

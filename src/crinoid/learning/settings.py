@@ -10,10 +10,8 @@ from crinoid.scenario import Scenario, got, refusal
 class TrainingSettings:
     """Settings of a training."""
 
-    teacher: str = "lqg"
-    """Kind of controller that the policy imitates first; none for `"none"`."""
-    arms: int = 16
-    """Number of arms that run between two updates."""
+    teacher: str = "lqg"  # kind of controller that the policy imitates first; none for `"none"`
+    arms: int = 16  # number of arms that run between two updates
     updates: int = 1500
     seed: int = 0
     draw: Mapping[str, tuple[float, float]] | None = None

@@ -36,16 +36,11 @@ from crinoid.results.dataset import describe
 from crinoid.scenario import Scenario, refusal, shown
 from crinoid.simulation import closed_loop
 
-EVALUATION_INTERVAL = 25
-"""Updates between two evaluations of the policy."""
-_PATIENCE = 24
-"""Evaluations without an improvement after which training ends."""
-_SEGMENT = 0.64
-"""Length of a segment (s)."""
-_DISCOUNT_TIME = 1.5
-"""Time over which future costs lose their weight (s)."""
-_TAUGHT, _HELD_OUT = 8, 32
-"""Number of episodes of the imitation, and of those of an evaluation."""
+EVALUATION_INTERVAL = 25  # updates between two evaluations of the policy
+_PATIENCE = 24  # evaluations without an improvement after which training ends
+_SEGMENT = 0.64  # length of a segment (s)
+_DISCOUNT_TIME = 1.5  # time over which future costs lose their weight (s)
+_TAUGHT, _HELD_OUT = 8, 32  # number of episodes of the imitation, and of those of an evaluation
 _WORSE, _SLOWER = 1.2, 0.5
 """Cost, over the least one, at which training returns to the best policy; factor on the learning
 rate then. The policy has lost arms that it controlled before."""
@@ -80,8 +75,7 @@ class Training:
         self._held_out = [self._episodes.start(first - 1 - k) for k in range(_HELD_OUT)]
         self._last_taught = first - 1 - _HELD_OUT
         """Largest seed of the imitation; its other seeds come before."""
-        self.updates, self.lost = 0, 0
-        """Number of updates, and of segments that failed."""
+        self.updates, self.lost = 0, 0  # number of updates, and of segments that failed
         self.rows: list[tuple[float, float, float]] = []
         """Updates, cost and RMS error (m) at each evaluation."""
         self.learner = self.best = new_learner(self._blank, self._optimisers, random)

@@ -1,15 +1,11 @@
 """Kalman filter: corrections, and the stationary filter of readings in a repeating pattern."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crinoid.numerics.signals_and_systems import gramian
-
-Matrix = Float[np.ndarray, "_ _"]
+from crinoid.numerics.signals_and_systems import Matrix, gramian
 
 _ROUNDS = 100
 """Largest number of passes through a pattern until the gains have settled."""
@@ -35,7 +31,7 @@ class Correction(NamedTuple):
     """Covariance of the corrected states."""
 
     @staticmethod
-    def of(ahead: Matrix, seen: Matrix, of_readings: Float[np.ndarray, " y"]) -> Correction:
+    def of(ahead: Matrix, seen: Matrix, of_readings: Float[np.ndarray, " y"]) -> "Correction":
         """Return it for the covariance of predicted states, by readings ``seen`` of them.
 
         ``of_readings`` is the variance of the noise of each reading.

@@ -1,7 +1,5 @@
 """Signals and linear systems: spectra, integral time scale, balanced truncation."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -10,6 +10,7 @@ from crinoid.recording.proposal import propose as propose
 from crinoid.recording.readers import read_dataset as read_dataset
 from crinoid.recording.recording import Recording as Recording
 from crinoid.recording.recording import read_recording as read_recording
+from crinoid.recording.response import VesselResponse as VesselResponse
 from crinoid.recording.sea import Sea as Sea
 from crinoid.recording.seas import read_sea as read_sea
 from crinoid.recording.series import Series as Series

@@ -6,38 +6,44 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from crinoid.foundation.axes import ANGLES, CHANNELS
+from crinoid.recording.response import VesselResponse
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import Series
 from crinoid.scenario import Scenario, got, refusal
-from crinoid.scenario.base_motion import InFile
+from crinoid.scenario.base_motion import InFile, ResponseMotion
 from crinoid.scenario.flow import MeasuredFlow
 
 _STRETCH = 1.1
 """Factor on the length of an arm; no current stretches one so far."""
 
 
-def base_travel(scenario: Scenario, series: Mapping[str, Series]) -> float:
+def base_travel(scenario: Scenario, series: Mapping[str, Series | VesselResponse]) -> float:
     """Return how far channels and prescribed motions may shift the base (m).
 
-    ``series`` are those from the files of the scenario, by key of their table.
+    ``series`` are the motions from the files of the scenario, by key of their table.
     """
     base, dimension = scenario.base, scenario.arm.dimension
-    travel = dict.fromkeys(CHANNELS[dimension], 0.0)
+    travel, ridden = dict.fromkeys(CHANNELS[dimension], 0.0), 0.0
     for name, channel in base.channels.present.items():
         travel[name] += max(-channel.limits.low, channel.limits.high)
     for index, motion in enumerate(base.motion):
-        if isinstance(motion, InFile):
-            ways = np.abs(series[f"base.motion.{index}"].values).max(axis=0)
+        read: Any = series.get(f"base.motion.{index}")
+        if isinstance(motion, ResponseMotion):
+            ridden += read.farthest
+        elif isinstance(motion, InFile):
+            ways = np.abs(read.values).max(axis=0)
             for name, way in zip(motion.moved(dimension), ways, strict=True):
                 travel[name] += float(way)
         else:
             travel[motion.channel] += motion.farthest(scenario.simulation.duration)
-    return float(np.hypot.reduce([way for name, way in travel.items() if name not in ANGLES]))
+    ways = [way for name, way in travel.items() if name not in ANGLES]
+    return float(np.hypot.reduce(ways)) + ridden
 
 
 _MEAN_OVER = 600.0
@@ -106,7 +112,7 @@ class Recording:
 
 
 def read_recording(
-    flow: MeasuredFlow, scenario: Scenario, series: Mapping[str, Series]
+    flow: MeasuredFlow, scenario: Scenario, series: Mapping[str, Series | VesselResponse]
 ) -> Recording:
     """Read the current of a flow, fill its gaps, and place it in the time of a run.
 

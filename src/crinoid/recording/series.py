@@ -15,11 +15,12 @@ from crinoid.foundation.axes import ANGLES, AXES
 from crinoid.recording.axes import as_numbers, find, only_dimension, seconds
 from crinoid.recording.numbers import Column, check_count, labels_of, numbers_of, quantity
 from crinoid.recording.readers import read_dataset
+from crinoid.recording.response import VesselResponse, read_response
 from crinoid.recording.texts import REMARKS, short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import Scenario, Target, counted, refusal
-from crinoid.scenario.base_motion import FileMotion, VesselMotion
+from crinoid.scenario.base_motion import FileMotion, ResponseMotion, VesselMotion, too_steep
 from crinoid.scenario.quantity import OPPOSITE
 
 _MOST = 0.5
@@ -199,16 +200,18 @@ def read_series(
     return Series(time - skip, values, tuple(remarks))
 
 
-def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
-    """Return a reader of each series that a scenario names, by the key of its table."""
+def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series | VesselResponse]]:
+    """Return a reader of each series, or RAOs, of a scenario by the key of its table."""
     duration, axes = scenario.simulation.duration, AXES[scenario.arm.dimension]
-    readers: dict[str, Callable[[], Series]] = {}
+    readers: dict[str, Callable[[], Series | VesselResponse]] = {}
     for index, motion in enumerate(scenario.base.motion):
         match motion:
             case FileMotion():
                 readers[f"base.motion.{index}"] = lambda motion=motion: _motion(motion, scenario)
             case VesselMotion():
                 readers[f"base.motion.{index}"] = lambda motion=motion: _vessel(motion, scenario)
+            case ResponseMotion():
+                readers[f"base.motion.{index}"] = lambda m=motion: read_response(m, scenario)
     if scenario.target.path == "file":
         readers["target"] = lambda: _path(scenario.target, axes, duration)
     return readers
@@ -242,12 +245,11 @@ def whole(series: Series, duration: float, key: str = "time_column") -> Series:
 def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
     """Return the motion of the channels of a base that a vessel carries."""
     base, axes, columns, signs = scenario.base, scenario.arm.dimension, [], {}
-    for name, given in motion.columns.given(scenario.arm.dimension).items():
-        signs[name] = 0.0 if given == "0" else -1.0 if given.startswith("-") else 1.0
-        if not signs[name]:
-            continue
-        turns = name not in ("surge", "sway", "heave")
-        columns.append(_displacement(f"columns.{name}", given.removeprefix("-"), turns=turns))
+    for name, (sign, column) in motion.columns.given(scenario.arm.dimension).items():
+        signs[name] = sign
+        if sign:
+            turns = name not in ("surge", "sway", "heave")
+            columns.append(_displacement(f"columns.{name}", column, turns=turns))
     if not columns:
         raise refusal("columns", "every motion is 0", "name a column")
     series = read_series(motion.file, motion.time_column, columns, motion.skip)
@@ -258,9 +260,7 @@ def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
         moved[name] = moved[name] - np.interp(0.0, series.time, moved[name])
     values = vessel_motion(moved, motion.offset, base.angles)
     if axes == 3 and not np.isfinite(values).all():
-        text = f"the arm has a tilt of {np.rad2deg(base.angles[1]):.0f} degrees while the vessel "
-        hint = 'Or set roll to "0", and yaw to "0" or base.pan_deg to 0.'
-        raise refusal("columns", f"{text}rolls or pitches", "point less steeply in space", hint)
+        raise too_steep(base.angles[1])
     return replace(series, values=values)
 
 

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-_STEEP = 0.26
-"""Cosine of the tilt below which pan and roll of the root are hardly defined."""
+from crinoid.foundation.axes import STEEP
 
 
 def vessel_motion(
@@ -61,6 +60,6 @@ def _turned(
     # of the two triples of angles for one attitude, the one that the set pose belongs to
     if np.cos(angles[1]) < 0:
         first = np.stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi], axis=1)
-    steep = np.abs(np.cos(first[:, 1])) < _STEEP
+    steep = np.abs(np.cos(first[:, 1])) < STEEP
     change = np.unwrap(np.vstack([0.0 * angles, first - angles]), axis=0)[1:]
     return np.where(steep[:, None] & [True, False, True], np.nan, change)

@@ -1,7 +1,5 @@
 """Processing of a result in pieces of time, to bound the memory."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np

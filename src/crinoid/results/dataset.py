@@ -1,7 +1,5 @@
 """The dataset of a run: names, units, and derived quantities."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +7,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.dynamics import System
+from crinoid.actuation import Input
+from crinoid.dynamics import LengthControlledThreads, System
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.foundation.axes import ANGLES, AXES, CHANNELS
 from crinoid.foundation.result_variables import Content, large_names, of_dimension, quantity
@@ -200,7 +199,48 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
     return with_comments(xr.Dataset(found, along))
 
 
-def solids(surfaces: Mapping[str, SolidSurface]) -> Content:
+def signals(
+    kept: Record,
+    inputs: Sequence[Input],
+    readings: Sequence[tuple[str, str]],
+    lines: LengthControlledThreads | None = None,
+) -> Content:
+    """Return the signals of saved instants: readings, actuators, loads of lines.
+
+    The base's channels, the first of the inputs, have variables of their own.
+    """
+    values: dict[str, Any] = {"sensor_reading": kept.reading}
+    rows: list[tuple[str, str, str, Any, str]] = [
+        ("reading", "reading", "", [name for name, _ in readings], "sensor and value"),
+        ("reading_unit", "reading", "", [unit for _, unit in readings], "unit of sensor_reading"),
+    ]
+    others = inputs[kept.servo.shape[-1] :]
+    if lines is not None and kept.line is not None:
+        wound = [others[drive].name for drive in lines.drives]
+        names = [name + "_opposite" * (name in wound[:at]) for at, name in enumerate(wound)]
+        units = ["Pa" if fluid else "N" for fluid in lines.fluid]
+        values["line_load"] = kept.line
+        rows += [
+            ("line", "line", "", names, "tendon of given length or chamber of given volume"),
+            ("line_unit", "line", "", units, "unit of line_load"),
+        ]
+    if kept.drive is not None:
+        values |= {"actuator_command": kept.drive_command, "actuator_state": kept.drive}
+        units = [each.unit for each in others]
+        rows += [
+            ("input", "input", "", [each.name for each in others], "input of an actuator"),
+            ("input_unit", "input", "", units, "unit of actuator_command and actuator_state"),
+            ("input_lower", "input", "", [float(each.lower) for each in others], "lower limit"),
+            ("input_upper", "input", "", [float(each.upper) for each in others], "upper limit"),
+        ]
+    found = {}
+    for name, each in values.items():
+        dims, data, about = quantity(name, np.asarray(each), 2)
+        found[name] = dims, data, about | {"comment": f"in {dims[-1]}_unit"}  # CF has no mixture
+    return Content(found, described(rows))
+
+
+def solids(surfaces: "Mapping[str, SolidSurface]") -> Content:
     """Return the surfaces of solids from files, by table ``obstacle.0``, if there are any."""
     if not surfaces:
         return Content({}, {})

@@ -1,7 +1,5 @@
 """Dimensionless numbers of the flow past an arm, with its natural frequencies."""
 
-from __future__ import annotations
-
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -138,7 +136,7 @@ class VelocityMoments(NamedTuple):
     @staticmethod
     def of(
         velocity: Float[np.ndarray, "time node across"], time: Float[np.ndarray, " time"]
-    ) -> VelocityMoments:
+    ) -> "VelocityMoments":
         """Return the moments of a velocity (m/s) at some times (s)."""
         step = np.diff(time)
         length = np.ptp(time)
@@ -152,7 +150,7 @@ class VelocityMoments(NamedTuple):
             np.einsum("t,tni,tnj->nij", 1 / step, change, change),
         )
 
-    def followed_by(self, other: VelocityMoments) -> VelocityMoments:
+    def followed_by(self, other: "VelocityMoments") -> "VelocityMoments":
         """Return the moments over both intervals (Chan, Golub and LeVeque 1983)."""
         if not self.time or not other.time:
             return self if self.time else other

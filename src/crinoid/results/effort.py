@@ -1,7 +1,5 @@
 """Effort of a run: motion of the inputs and work, from the time that counts; pressure, thrust."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -27,9 +25,7 @@ class InputUse(NamedTuple):
     low: float
     high: float
     lower: float
-    """Lower limit."""
     upper: float
-    """Upper limit."""
 
     @property
     def share(self) -> float:
@@ -45,10 +41,8 @@ class VehicleUse(NamedTuple):
     """Largest distance of its centre of mass from the start (m)."""
     turn: float
     """Largest pan, tilt or roll from the start (rad)."""
-    max_thrust: float
-    """N."""
-    rms_thrust: float
-    """N."""
+    max_thrust: float  # N
+    rms_thrust: float  # N
     limit_share: float | None
     """Share of the time with a force or moment at its limit; None without a limit."""
 
@@ -59,7 +53,6 @@ class SolverUse(NamedTuple):
     simulated: float
     """Time that was simulated (s)."""
     steps: int
-    """Number of time steps."""
     iterations_a_step: float
     """Newton iterations a time step."""
     wall_time: float
@@ -136,7 +129,7 @@ class CostWeights(NamedTuple):
     """Weights of the commands."""
 
     @staticmethod
-    def of(scenario: Scenario, units: Sequence[str]) -> CostWeights:
+    def of(scenario: Scenario, units: Sequence[str]) -> "CostWeights":
         """Return the weights of a scenario with inputs in some units."""
         length, axes = scenario.arm.length, scenario.arm.dimension
         controlled = scenario.control.controlled

@@ -39,8 +39,7 @@ class Peak(NamedTuple):
     value: float
     station: float
     """Distance from the root along the arm at rest (m)."""
-    time: float
-    """s."""
+    time: float  # s
 
 
 class ContactExtremes(NamedTuple):
@@ -49,12 +48,9 @@ class ContactExtremes(NamedTuple):
     Forces are those at saved instants; times and gaps are over all time steps.
     """
 
-    time: float
-    """s."""
-    force: float
-    """N."""
-    gap: float
-    """m; negative where they overlap."""
+    time: float  # s
+    force: float  # N
+    gap: float  # m; negative where they overlap
     obstacles: tuple[int, int, int]
     """Their obstacles, in this order."""
 
@@ -186,11 +182,15 @@ def largest_strain(result: Result) -> Peak | None:
     return _peak(data, strains)
 
 
+def stretch_of_edges(part: xr.Dataset) -> Float[np.ndarray, "time edge"]:
+    """Return the strain of the arm's axis (1)."""
+    edges = np.diff(part["position"].values, axis=1)
+    return np.asarray(np.linalg.norm(edges, axis=2) / np.diff(part["arc_length"].values) - 1)
+
+
 def stretch_at_nodes(part: xr.Dataset) -> Float[np.ndarray, "time node"]:
     """Return the strain of the arm's axis at the nodes, the mean of both edges (1)."""
-    edges = np.diff(part["position"].values, axis=1)
-    stretch = np.linalg.norm(edges, axis=2) / np.diff(part["arc_length"].values) - 1
-    return at_nodes(stretch)
+    return at_nodes(stretch_of_edges(part))
 
 
 def bending_cycles(result: Result) -> BendingCycles | None:

@@ -18,8 +18,8 @@ MADE = "made by crinoid"
 """First words of the comment in each film."""
 PRODUCER = "crinoid"
 """Producer of an ONNX file."""
-TIME = "time (s)"
-"""Head of the first column of a table."""
+TIME, SHARE = "time (s)", "share of time"
+"""Heads of the first column of a table over time, and of the last one of a histogram."""
 _TABLE_ENDS = (["extreme", "extreme_low", "extreme_high"], ["p_value", "against"])
 """Last columns of means over seeds, and of a comparison."""
 _PRODUCED = bytes([0x12, len(PRODUCER)]) + PRODUCER.encode()
@@ -56,7 +56,7 @@ def is_own(path: Path) -> bool:
         names = {re.split("[. ]", each)[0] for each in head[1:]}
         over_time = head[:1] == [TIME] and names <= {each.name for each in VARIABLES}
         summed_up = any(head[-len(ends) :] == ends for ends in _TABLE_ENDS)
-        known = over_time or head == [*HEAD] or head[1:2] == ["branch"]
+        known = over_time or head == [*HEAD] or head[1:2] == ["branch"] or head[-1:] == [SHARE]
         return is_table(path) or summed_up or (known and line == table_head(head))
     if ending == ".xlsx":
         with suppress(OSError, KeyError, zipfile.BadZipFile), zipfile.ZipFile(path) as book:

@@ -47,15 +47,19 @@ def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
         raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
 
 
-def load_as(path: Path, kind: str, required: Mapping[str, tuple[str, ...]]) -> xr.Dataset:
-    """Read a file of a kind into memory, with some variables over some dimensions; ``*``: any."""
+def load_as(path: Path, kind: str, required: Mapping[str, str]) -> xr.Dataset:
+    """Read a file of a kind into memory, which has some variables by their dimensions; ``*``: any.
+
+    Dimensions, and names of variables, are separated by blanks.
+    """
     dataset = load(path)
-    for name, dims in required.items():
-        known = " ".join(map(str, dataset[name].dims)) if name in dataset else ""
-        if name not in dataset or not fnmatchcase(known, " ".join(dims)):
-            over = f" over {', '.join(dims)}" if dims else ""
-            text = f"not a file of crinoid with {kind}, it has no {name}{over}"
-            raise ReportError(f"{path}: {text}")
+    for dims, names in required.items():
+        for name in names.split():
+            known = " ".join(map(str, dataset[name].dims)) if name in dataset else ""
+            if name not in dataset or not fnmatchcase(known, dims):
+                over = f" over {dims.replace(' ', ', ')}" if dims else ""
+                text = f"not a file of crinoid with {kind}, it has no {name}{over}"
+                raise ReportError(f"{path}: {text}")
     return dataset
 
 

@@ -1,18 +1,13 @@
 """The record of a run: the quantities saved at each instant."""
 
-from collections.abc import Sequence
-
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
-from numpy.typing import ArrayLike
 
-from crinoid.actuation import Input
 from crinoid.control import Estimate
-from crinoid.dynamics import HullTouch, LengthControlledThreads, SelfTouch, Touch, VehicleOutput
+from crinoid.dynamics import HullTouch, SelfTouch, Touch, VehicleOutput
 from crinoid.elements import VortexForces
-from crinoid.foundation.result_variables import Content, quantity
 
 
 class Record(eqx.Module):
@@ -84,50 +79,3 @@ class Record(eqx.Module):
     def first(self, count: int) -> "Record":
         """Return the first instants, in the host's memory and without the place of others."""
         return jax.tree.map(lambda x: np.asarray(x)[:count].copy(), self)
-
-
-def signals(
-    kept: Record,
-    inputs: Sequence[Input],
-    readings: Sequence[tuple[str, str]],
-    lines: LengthControlledThreads | None = None,
-) -> Content:
-    """Return the signals of saved instants: readings, actuators, loads of lines.
-
-    The base's channels, the first of the inputs, have variables of their own.
-    """
-    names, units = [name for name, _ in readings], [unit for _, unit in readings]
-    found = Content(
-        {"sensor_reading": _signal("sensor_reading", kept.reading)},
-        {
-            "reading": ("reading", names, {"long_name": "sensor and value"}),
-            "reading_unit": ("reading", units, {"long_name": "unit of sensor_reading"}),
-        },
-    )
-    others = inputs[kept.servo.shape[-1] :]
-    if kept.drive is None or kept.drive_command is None:
-        return found
-    if lines is not None and kept.line is not None:
-        wound = [others[drive].name for drive in lines.drives]
-        names = [name + "_opposite" * (name in wound[:at]) for at, name in enumerate(wound)]
-        about = {"long_name": "tendon of given length or chamber of given volume"}
-        found.variables["line_load"] = _signal("line_load", kept.line)
-        found.coordinates["line"] = "line", names, about
-        units = ["Pa" if fluid else "N" for fluid in lines.fluid]
-        found.coordinates["line_unit"] = "line", units, {"long_name": "unit of line_load"}
-    found.variables["actuator_command"] = _signal("actuator_command", kept.drive_command)
-    found.variables["actuator_state"] = _signal("actuator_state", kept.drive)
-    units = [each.unit for each in others]
-    for name, values, meaning in (
-        ("input", [each.name for each in others], "input of an actuator"),
-        ("input_unit", units, "unit of actuator_command and actuator_state"),
-        ("input_lower", [float(each.lower) for each in others], "lower limit"),
-        ("input_upper", [float(each.upper) for each in others], "upper limit"),
-    ):
-        found.coordinates[name] = "input", values, {"long_name": meaning}
-    return found
-
-
-def _signal(name: str, values: ArrayLike) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
-    dims, found, about = quantity(name, np.asarray(values), 2)
-    return dims, found, about | {"comment": f"in {dims[-1]}_unit"}  # CF has none for a mixture

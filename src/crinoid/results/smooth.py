@@ -1,7 +1,5 @@
 """Measures of a run with derivatives: those of `crinoid.results.metrics` that are smooth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import equinox as eqx

@@ -50,18 +50,17 @@ def summary(result: Result, *, full: bool = False) -> RunSummary:
     The short table has about ten rows: errors of the tip, inputs against their limits, the largest
     loads and strain, and the speed. The ``full`` one has what it leaves out too.
     """
-    others = [] if result.uncontrolled is None else [result.uncontrolled]
-    runs = [RunStatistics(run) for run in (result, *others)]
+    runs = [RunStatistics(run) for _, run in result.members]
     table = _Table(result, runs, measures_of(result.scenario), full, [])
     with np.errstate(all="ignore"):  # a run that diverged may hold huge numbers
         table.add_errors()
-        table.add_response()
+        table.add_measures("rise_time", "overshoot", "settling_time")
         table.add_inputs()
         table.add_loads()
         table.add_vehicle()
         table.add_contacts()
         table.add_far_contacts()
-        table.add_own()
+        table.add_measures(*(name for name in table.measures if name not in MEASURES))
         table.add_speed()
     value = "controlled" if result.scenario.control.acts else "value"
     heads = ["", value, "uncontrolled", "ratio"]
@@ -85,6 +84,11 @@ class _Table(NamedTuple):
         """Return a readable unit of a measure of all runs."""
         size = max(abs(value or 0.0) for value in self.measure(name))
         return unit_of(self.measures[name].attributes, size)
+
+    def add_measures(self, *names: str, nothing: float = math.inf) -> None:
+        """Add measures with their labels."""
+        for name in names:
+            self.add_measure(name, nothing=nothing)
 
     def add_measure(
         self, name: str, words: str = "", unit: Unit | None = None, *, nothing: float = math.inf
@@ -119,12 +123,6 @@ class _Table(NamedTuple):
         turns = {"angle", "direction"} & set(scenario.control.controlled)
         if scenario.control.acts and turns:
             self._add_errors("angle error", since, "errors:angle_error", DEGREES, _NOTHING)
-
-    def add_response(self) -> None:
-        """Add the response of the tip to a step of its target or a load."""
-        self.add_measure("rise_time")
-        self.add_measure("overshoot", unit=SHARE)
-        self.add_measure("settling_time")
 
     def found(self, function: str) -> list[Any]:
         """Return a statistic of each run that has it."""
@@ -197,8 +195,7 @@ class _Table(NamedTuple):
                 self.add_measure(name, words, unit, nothing=nothing)
         self.add_measure("life")
         if self.full:
-            for name in ("max_bending_moment", "max_shear_force"):
-                self.add_measure(name, nothing=_NOTHING)
+            self.add_measures("max_bending_moment", "max_shear_force", nothing=_NOTHING)
         if self.full and (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
             self.add_measure("curvature_cycles", "cycles of curvature")
             self.add_measure("equivalent_curvature_range", nothing=0.0)
@@ -258,12 +255,6 @@ class _Table(NamedTuple):
             if self.full:
                 self.add_measure(time, f"time in contact with {words}")
                 self.add_measure(f"min_{part}_gap", f"smallest gap from {words}")
-
-    def add_own(self) -> None:
-        """Add the measures that a scenario names of packages."""
-        for name in self.measures:
-            if name not in MEASURES:
-                self.add_measure(name)
 
     def add_speed(self) -> None:
         """Add the speed of the simulation."""

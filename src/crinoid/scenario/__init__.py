@@ -40,6 +40,7 @@ from crinoid.scenario.random_flow import GaussMarkovFlow as GaussMarkovFlow
 from crinoid.scenario.random_flow import TurbulenceFlow as TurbulenceFlow
 from crinoid.scenario.scenario import Scenario as Scenario
 from crinoid.scenario.schema import json_schema as json_schema
+from crinoid.scenario.ship_wake import ShipWakeFlow as ShipWakeFlow
 from crinoid.scenario.simulation import Simulation as Simulation
 from crinoid.scenario.target import Target as Target
 from crinoid.scenario.tool import Tool as Tool

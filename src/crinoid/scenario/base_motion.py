@@ -10,7 +10,7 @@ from pydantic import Field
 
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.scenario.document import RecordFile
-from crinoid.scenario.errors import Mistake, got, missing, one_of
+from crinoid.scenario.errors import Mistake, ScenarioError, got, missing, one_of, refusal
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
     LATEST,
@@ -175,35 +175,43 @@ def _column(name: str, about: str) -> Any:
 class VesselColumns(Model):
     """Columns of a vessel's motion: "-heading" reverses one, "0" is no motion."""
 
-    surge: str | None = _column("surge", "Shift forward, along x; counts from the start")
+    surge: str | None = _column("surge", "Shift forward; of a log along x from the start")
     sway: Annotated[str | None, Only(3)] = _column(
-        "sway", "Shift to port, along y; counts from the start"
+        "sway", "Shift to port; of a log along y from the start"
     )
-    heave: str | None = _column("heave", "Shift upward, along z")
+    heave: str | None = _column("heave", "Shift upward")
     roll: Annotated[str | None, Only(3)] = _column("roll", "Turn that lifts the port side")
     pitch: str | None = _column("pitch", "Turn that lifts the bow")
     yaw: Annotated[str | None, Only(3)] = _column(
-        "yaw", "Turn of the bow to port; counts from the start"
+        "yaw", "Turn of the bow to port; of a log from the start"
     )
 
-    def given(self, axes: int) -> dict[str, str]:
-        """Return the column of each degree of freedom of a planar or spatial base."""
+    def given(self, axes: int) -> dict[str, tuple[float, str]]:
+        """Return sign and column of each degree of freedom of a base, sign 0 for no motion."""
         names = ("surge", "heave", "pitch") if axes == 2 else VESSEL
-        return {name: getattr(self, name) or name for name in names}
+        columns = {name: getattr(self, name) or name for name in names}
+        return {
+            name: (
+                0.0 if given == "0" else -1.0 if given[0] == "-" else 1.0,
+                given.removeprefix("-"),
+            )
+            for name, given in columns.items()
+        }
 
 
 VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Degrees of freedom of a vessel."""
 
 
-class VesselMotion(InFile):
-    """The motion of a vessel that carries the base, as in its log."""
+class OnVessel(Model):
+    """Keys of every motion of a vessel that carries the base."""
 
-    kind: Literal["vessel"] = entry("vessel", "All motions of a vessel from a file.")
+    kind: str
     columns: VesselColumns = entry(VesselColumns(), "Columns of the motions, by their names.")
     offset: Annotated[Position, InSpace((0.0, 0.0, 0.0))] = entry(
         (0.0, 0.0),
-        "Place of the arm's root from the point whose motion the file has; x forward, z up.",
+        "Place of the arm's root from the point that the file belongs to; x forward, y to port, "
+        "z up.",
     )
 
     def moved(self, axes: int) -> tuple[str, ...]:
@@ -211,7 +219,48 @@ class VesselMotion(InFile):
         return CHANNELS[axes]
 
 
+class VesselMotion(OnVessel, InFile):
+    """The motion of a vessel that carries the base, as in its log."""
+
+    kind: Literal["vessel"] = entry("vessel", "All motions of a vessel from a file.")
+
+
+class ResponseMotion(OnVessel):
+    """The motion of a vessel in the surface waves of the scenario, by its RAOs.
+
+    Response amplitude operators, from a table or from a netCDF file of capytaine.
+    """
+
+    kind: Literal["rao"] = entry("rao", "A vessel by its response amplitude operators.")
+    file: RecordFile
+    heading_deg: Degrees = entry(
+        0.0, "Direction of the bow: 0 toward +x, 90 toward +y; in the plane 0 or 180."
+    )
+    phase_is: Literal["lag", "lead"] | None = entry(
+        None,
+        "Whether phases lag or lead the crest at that point: a table needs it; lag by default of "
+        "complex RAOs, with exp(-i omega t).",
+    )
+    direction_is: Literal["to", "from"] | None = entry(
+        None,
+        "Whether waves travel to the headings of the file or come from them: a table needs it; to "
+        "by default of capytaine. Head seas are 180 with to, 0 with from.",
+    )
+    symmetric: bool = entry(
+        False, "Whether port and starboard are alike, for a file with headings of one side only."
+    )
+
+
+def too_steep(tilt: float) -> ScenarioError:
+    """Return the mistake of an arm in space whose root points so steeply (rad) on a vessel."""
+    text = (
+        f"the arm has a tilt of {math.degrees(tilt):.0f} degrees while the vessel rolls or pitches"
+    )
+    hint = 'Or set roll to "0", and yaw to "0" or base.pan_deg to 0.'
+    return refusal("columns", text, "point less steeply in space", hint)
+
+
 Motion = Annotated[
-    SineMotion | VelocityMotion | TableMotion | FileMotion | VesselMotion,
+    SineMotion | VelocityMotion | TableMotion | FileMotion | VesselMotion | ResponseMotion,
     Field(discriminator="kind"),
 ]

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, TypeVar
 from crinoid.foundation.axes import AXES, CHANNELS, LARGEST_TURN, PARTNERS
 from crinoid.foundation.result_variables import large_names, of_dimension
 from crinoid.scenario.actuator import actuator_conflicts, thread_conflicts
-from crinoid.scenario.base_motion import ChannelMotion, TableMotion
+from crinoid.scenario.base_motion import ChannelMotion, ResponseMotion, TableMotion
 from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
 from crinoid.scenario.flow import MeasuredFlow, ShearFlow
 from crinoid.scenario.obstacle import Capsule, Cylinder
 from crinoid.scenario.random_flow import GaussMarkovFlow
 from crinoid.scenario.sensor import sensor_conflicts
+from crinoid.scenario.ship_wake import ShipWakeFlow
 from crinoid.scenario.simulation import whole_conflicts
 from crinoid.scenario.tool import tool_conflicts
 from crinoid.scenario.waves import SurfaceWaves
@@ -114,6 +115,14 @@ def _wave_conflicts(scenario: Scenario) -> Iterator[Mistake]:
             yield scenario.mistake(f"{name}.{wave.keys[1]}", must)
 
 
+def _wake_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield ships that do not fit the water, or whose wake needs too many waves."""
+    wakes = _flows_of_kind(scenario, ShipWakeFlow) if scenario.water.gravity else ()
+    for name, wake in wakes:
+        for key, must in wake.misfits(scenario):
+            yield scenario.mistake(f"{name}.{key}", must)
+
+
 def _height(scenario: Scenario) -> str:
     """Return the key of the height of the base."""
     return f"base.position.{scenario.arm.dimension - 1}"
@@ -143,13 +152,20 @@ def _record_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 
 def _motion_conflicts(scenario: Scenario) -> Iterator[Mistake]:
-    """Yield prescribed motions of channels that do not exist, or that do not span the run."""
+    """Yield motions of channels that do not exist or without their waves, and too short ones."""
     duration, channels = scenario.simulation.duration, CHANNELS[scenario.arm.dimension]
     for index, motion in enumerate(scenario.base.motion):
         key = f"base.motion.{index}"
         if isinstance(motion, ChannelMotion) and motion.channel not in channels:
             must, hint = f"be {one_of(channels)}", "Set arm.dimension = 3 to use it."
             yield scenario.mistake(f"{key}.channel", must, hint)
+        if isinstance(motion, ResponseMotion):
+            if not any(_flows_of_kind(scenario, SurfaceWaves)):
+                hint = 'Add a [[flow]] of kind "waves" or "regular-wave".'
+                yield Mistake(f"{key}.kind", got("rao", "be left out without surface waves", hint))
+            if scenario.arm.dimension == 2 and motion.heading_deg % 180:
+                must, hint = "be 0 or 180 in the plane", "Set arm.dimension = 3 for others."
+                yield scenario.mistake(f"{key}.heading_deg", must, hint)
         if isinstance(motion, TableMotion):
             if motion.time[0] > 0:
                 yield scenario.mistake(f"{key}.time.0", "be 0 or earlier (s)")
@@ -287,6 +303,7 @@ RULES: tuple[Callable[[Scenario], Iterator[Mistake]], ...] = (
     _depth_conflicts,
     _wave_conflicts,
     _measured_conflicts,
+    _wake_conflicts,
     _record_conflicts,
     _motion_conflicts,
     _vehicle_conflicts,

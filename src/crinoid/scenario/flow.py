@@ -32,6 +32,7 @@ from crinoid.scenario.quantity import (
     Velocity,
 )
 from crinoid.scenario.random_flow import GaussMarkovFlow, TurbulenceFlow
+from crinoid.scenario.ship_wake import ShipWakeFlow
 from crinoid.scenario.waves import RegularWaveFlow, WavesFlow
 
 _COMPONENT = re.compile(r"(-?)\s*([^\[\]]*[^\[\]\s])\s*(?:\[([^\[\]]+)\])?")
@@ -262,6 +263,7 @@ Flow = Annotated[
     | TurbulenceFlow
     | WavesFlow
     | RegularWaveFlow
+    | ShipWakeFlow
     | MeasuredFlow,
     Field(discriminator="kind"),
     KindOf("flows", FlowTable),

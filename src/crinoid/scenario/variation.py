@@ -71,6 +71,12 @@ class Levels:
         """Return the levels of one key."""
         return Levels(len(values), lambda place: {key: values[place]})
 
+    @staticmethod
+    def together(columns: Sequence["Levels"]) -> "Levels":
+        """Return levels of several keys, each with the values at the same place of all."""
+        count = columns[0].count
+        return Levels(count, lambda at: {k: v for each in columns for k, v in each.at(at).items()})
+
 
 def combination(axes: Sequence[Levels], number: int) -> dict[str, Any]:
     """Return the values of one combination of levels; the last axis changes fastest.

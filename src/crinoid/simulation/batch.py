@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from itertools import repeat
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -44,15 +44,6 @@ _INSTANTS = 16
 """Instants between two looks at the runs."""
 
 
-class _PreparedRun(NamedTuple):
-    number: int
-    setup: Setup
-
-    @property
-    def scenario(self) -> Scenario:
-        return self.setup.prepared.scenario
-
-
 def play_batched(
     prepared: Sequence[Prepared],
     moved: Callable[[int, float], None],
@@ -67,33 +58,31 @@ def play_batched(
     (s), ``stop`` is asked as often whether to interrupt all. Yields index and result, or why a
     scenario cannot be run.
     """
-    groups: dict[Any, list[_PreparedRun]] = {}
+    groups: dict[Any, list[tuple[int, Setup]]] = {}
     for index, each in enumerate(prepared):
         if stop():
             return
         try:
             require_space(each.scenario, None)
             with on_processor():
-                ready = _PreparedRun(index, set_up(each, notes=notes))
+                setup = set_up(each, notes=notes)
         except ScenarioError as error:
             yield index, error
         else:
             # these decide on the program of a run
-            leaves, tree = jax.tree.flatten((ready.setup.loop, ready.setup.state))
+            leaves, tree = jax.tree.flatten((setup.loop, setup.state))
             forms = tuple((leaf.shape, str(leaf.dtype)) for leaf in leaves)
-            key = tree, forms, ready.scenario.control.compared
-            groups.setdefault(key, []).append(ready)
+            key = tree, forms, setup.scenario.control.compared
+            groups.setdefault(key, []).append((index, setup))
     for group in groups.values():
-        results = _run(group, moved, stop)
-        others: Iterable[Result | None]
-        if group[0].scenario.control.compared:
-            idle = [ready._replace(setup=without_control(ready.setup)) for ready in group]
-            others = _run(idle, lambda index, reached: None, stop)
-        else:
-            others = repeat(None, len(group))
-        for ready, result, other in zip(group, results, others, strict=True):
+        numbers, setups = zip(*group, strict=True)
+        results = _run(setups, lambda row, reached: moved(numbers[row], reached), stop)  # noqa: B023
+        others: Iterable[Result | None] = repeat(None, len(group))
+        if setups[0].scenario.control.compared:
+            others = _run([*map(without_control, setups)], lambda row, reached: None, stop)
+        for number, result, other in zip(numbers, results, others, strict=True):
             result.uncontrolled = other
-            yield ready.number, with_loop_notes(result)
+            yield number, with_loop_notes(result)
 
 
 def on_processor() -> AbstractContextManager[Any]:
@@ -104,23 +93,19 @@ def on_processor() -> AbstractContextManager[Any]:
 
 
 def _run(
-    group: Sequence[_PreparedRun], moved: Callable[[int, float], None], stop: Callable[[], bool]
+    setups: Sequence[Setup], moved: Callable[[int, float], None], stop: Callable[[], bool]
 ) -> Iterator[Result]:
     """Run one group to the end, then give its results one by one."""
-    scenarios = [ready.scenario for ready in group]
-    loops = _stack([ready.setup.loop for ready in group])
-    carries, firsts = _begin(loops, _stack([ready.setup.state for ready in group]))
-    failures = [
-        start_failure(scenario, ready.setup.loop.system, ready.setup.outcome)
-        for scenario, ready in zip(scenarios, group, strict=True)
-    ]
-    totals = [scenario.simulation.steps for scenario in scenarios]
+    loops = _stack([setup.loop for setup in setups])
+    carries, firsts = _begin(loops, _stack([setup.state for setup in setups]))
+    failures = [*map(start_failure, setups)]
+    totals = [setup.scenario.simulation.steps for setup in setups]
     ends = np.where(np.array(failures, bool), 0, totals)
-    strides = np.array([scenario.output_steps for scenario in scenarios])
-    outcomes = _stack([Outcome.of_nothing(converged=True)] * len(group))
+    strides = np.array([setup.scenario.output_steps for setup in setups])
+    outcomes = _stack([Outcome.of_nothing(converged=True)] * len(setups))
     sinks = [
-        Sink(one_instant(_of(firsts, row)), dataset_builder(ready.setup), None)
-        for row, ready in enumerate(group)
+        Sink(one_instant(_of(firsts, row)), dataset_builder(setup), None)
+        for row, setup in enumerate(setups)
     ]
     started = time.perf_counter()
     while True:
@@ -132,13 +117,13 @@ def _run(
         )
         kept, counts = jax.tree.map(np.asarray, kept), np.asarray(due).sum(axis=1)
         reached = np.asarray(carries.state.time)
-        for row, (sink, ready) in enumerate(zip(sinks, group, strict=True)):
+        for row, sink in enumerate(sinks):
             sink.append(jax.tree.map(lambda x: x[row, : counts[row]], kept))  # noqa: B023
-            moved(ready.number, float(reached[row]))
-    wall_time = (time.perf_counter() - started) / len(group)
+            moved(row, float(reached[row]))
+    wall_time = (time.perf_counter() - started) / len(setups)
     over = carries, _record(loops, carries), outcomes
     carries, lasts, outcomes = jax.tree.map(np.asarray, over)
-    for row, (ready, sink) in enumerate(zip(group, sinks, strict=True)):
+    for row, (setup, sink) in enumerate(zip(setups, sinks, strict=True)):
         carry, outcome = _of(carries, row), _of(outcomes, row)
         trouble, failed = failures[row], None if outcome.converged else outcome
         if failed is not None:  # its message is computed
@@ -148,7 +133,7 @@ def _run(
         if carry.steps < totals[row] and not (trouble or failed):
             trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
         dataset = sink.close(carry, wall_time)
-        yield conclude(ready.setup, carry, dataset, trouble, failed, wall_time)
+        yield conclude(setup, carry, dataset, trouble, failed, wall_time)
 
 
 @compiled(**ONCE)
@@ -162,10 +147,10 @@ def _record(loops: Loop, carries: LoopState) -> Record:
 
 
 def _stack(trees: Sequence[Any]) -> Any:
-    return jax.tree.map(lambda *leaves: _stacked(leaves), *trees)
+    return jax.tree.map(_stacked, *trees)
 
 
-def _stacked(leaves: Sequence[Any]) -> Any:
+def _stacked(*leaves: Any) -> Any:
     """Return arrays on top of each other, put together outside of any device."""
     if jnp.issubdtype(leaves[0].dtype, jax.dtypes.prng_key):
         data = np.stack([np.asarray(jax.random.key_data(leaf)) for leaf in leaves])

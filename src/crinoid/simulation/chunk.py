@@ -10,15 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.actuation import drives
 from crinoid.compilation import OFTEN, SOMETIMES, Program, compiled
-from crinoid.dynamics import (
-    ActingForces,
-    FarEdges,
-    Forces,
-    Hull,
-    Outcome,
-    State,
-    StepStatistics,
-)
+from crinoid.dynamics import ActingForces, FarEdges, Forces, Hull, Outcome, State, StepStatistics
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState
 
@@ -109,11 +101,9 @@ def _advance_to_instant(
 
     Returns the loop's new state, its record, whether to save it, and the outcome of the last solve.
     """
-    Inner = tuple[LoopState, Outcome]
-
     due = (carry.steps // stride + 1) * stride
 
-    def unfinished_stride(inner: Inner) -> Bool[Array, ""]:
+    def unfinished_stride(inner: tuple[LoopState, Outcome]) -> Bool[Array, ""]:
         carry, outcome = inner
         return (carry.steps < jnp.minimum(due, end)) & outcome.converged
 

@@ -1,7 +1,5 @@
 """Co-simulation: an arm that another program steps, with variables by name."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -52,7 +50,6 @@ class CoSimulation:
         self.inputs = inputs_of(prepared)
         """Inputs, all numbers."""
         self.parameters = parameters_of(given)
-        """Parameters."""
         self._quantities = outputs_of(prepared)
         self.outputs = [each for some in self._quantities for each in some.variables]
         """Outputs: numbers, and the array ``shape`` (node, axis)."""

@@ -1,7 +1,5 @@
 """The end of a run: its failure, its notes, and its result."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
@@ -29,9 +27,9 @@ from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.foundation.axes import LARGEST_TURN
 from crinoid.foundation.status import Status
-from crinoid.results.dataset import Instants, build_dataset, describe, solids
+from crinoid.results.dataset import Instants, build_dataset, describe, signals, solids
 from crinoid.results.dimensionless import dimensionless, with_velocity_moments
-from crinoid.results.record import Record, signals
+from crinoid.results.record import Record
 from crinoid.results.result import UNFINISHED, Result
 from crinoid.results.result_file import named_leaves
 from crinoid.scenario import Scenario, counted
@@ -45,8 +43,9 @@ _LATELY = 5
 """Saved instants before a failure that show its vibrations."""
 
 
-def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
+def start_failure(setup: Setup) -> str:
     """Return why no initial state exists; empty if it does."""
+    scenario, system, outcome = setup.scenario, setup.loop.system, setup.outcome
     if outcome.converged:
         return ""
     if found := nonfinite(scenario, system, None, outcome):
@@ -218,7 +217,7 @@ def _other_base(scenario: Scenario) -> str:
 
 def dataset_builder(setup: Setup) -> Build:
     """Return what makes data of the instants of a run."""
-    loop, scenario = setup.loop, setup.prepared.scenario
+    loop, scenario = setup.loop, setup.scenario
     about = result_attributes(setup.prepared, UNFINISHED, 0.0, [])
 
     def build(kept: Record, before: float | None) -> xr.Dataset:
@@ -260,7 +259,7 @@ def conclude(
     Its energies are not to balance (``with_ledger``) where numbers of the arm changed meanwhile.
     Notes cost a tenth of a short run: not ``with_notes`` where nobody reads them.
     """
-    prepared, scenario, system = setup.prepared, setup.prepared.scenario, setup.loop.system
+    prepared, scenario, system = setup.prepared, setup.scenario, setup.loop.system
     dataset = with_velocity_moments(dataset)
     defect = None
     jumps, damped = command_jumps(dataset, system, prepared.facts), scenario.simulation.or_damping

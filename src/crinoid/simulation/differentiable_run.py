@@ -122,20 +122,14 @@ def rollout(
     )
     Carry = tuple[LoopState, Outcome]
 
-    def advance(carry: Carry) -> Carry:
-        now, outcome = carry
-        after, latest = loop.step(now)
-        # a product: the slope of a choice would be 0, which looks like an answer
-        after = _times(jnp.where(latest.converged, 1.0, jnp.nan), after)
-        first = jax.tree.map(
-            lambda new, old: jnp.where(outcome.converged, new, old), latest, outcome
-        )
-        return after, first
-
     def step(carry: Carry, _: None) -> tuple[Carry, Any]:
-        now, outcome = carry = advance(carry)
-        seen = observe(loop, now)
-        return carry, _times(jnp.where(outcome.converged, 1.0, jnp.nan), seen)
+        before, earlier = carry
+        now, latest = loop.step(before)
+        now = _nan_unless(latest.converged, now)
+        outcome = jax.tree.map(
+            lambda new, old: jnp.where(earlier.converged, new, old), latest, earlier
+        )
+        return (now, outcome), _nan_unless(outcome.converged, observe(loop, now))
 
     (end, outcome), kept = jax.lax.scan(
         jax.checkpoint(
@@ -147,7 +141,9 @@ def rollout(
     return Rollout(end, kept, outcome)
 
 
-def _times(factor: Float[Array, ""], tree: Any) -> Any:
+def _nan_unless(converged: Bool[Array, ""], tree: Any) -> Any:
+    # a product: the slope of a choice would be 0, which looks like an answer
+    factor = jnp.where(converged, 1.0, jnp.nan)
     return jax.tree.map(lambda x: factor * x if eqx.is_inexact_array(x) else x, tree)
 
 
@@ -185,7 +181,7 @@ def closed_loop(
     [0.46, -9.83, 0.56]
     """
     setup = set_up(Prepared.with_parts(scenario, Parts(controller)))
-    if trouble := start_failure(setup.prepared.scenario, setup.loop.system, setup.outcome):
+    if trouble := start_failure(setup):
         raise RuntimeError(trouble)
     return setup.loop, setup.state
 

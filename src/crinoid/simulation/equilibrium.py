@@ -57,9 +57,8 @@ def settle(prepared: Prepared, *, notes: bool = True) -> Result:
     setup = set_up(prepared, notes=False)._replace(warnings=warnings)
     carry, first = begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - started
-    trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)
     dataset = dataset_builder(setup)(one_instant(first), None)
-    result = conclude(setup, carry, dataset, trouble, None, wall_time)
+    result = conclude(setup, carry, dataset, start_failure(setup), None, wall_time)
     if result.failure:
         raise SimulationError(result)
     return result

@@ -1,7 +1,5 @@
 """Commands, current and motion of the base that come from outside of the loop."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Frequency response of the tip to the inputs."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import pickle

@@ -1,7 +1,5 @@
 """Variables of an arm in a co-simulation: names, units, meanings and values."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Delay of a paced session."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 
@@ -19,7 +17,7 @@ class Lateness(NamedTuple):
     last: float = 0.0
     """Delay of the last step (s), negative if it was in time."""
 
-    def with_step(self, delay: float) -> Lateness:
+    def with_step(self, delay: float) -> "Lateness":
         """Return that with one more step, with its delay (s), negative if it was in time."""
         if delay <= 0:
             return self._replace(steps=self.steps + 1, last=delay)

@@ -1,7 +1,5 @@
 """One tick of the closed loop: sensor, controller, base, arm."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any
@@ -162,8 +160,7 @@ class Loop(eqx.Module):
         state, books, progress = self.system.advance_with_account(
             carry.state, carry.books, commanded.command, before=carry.tally
         )
-        assert progress.outcome is not None
-        return self._advanced(commanded, state, books, progress), progress.outcome
+        return self._advanced(commanded, state, books, progress)
 
     def step(self, carry: LoopState) -> tuple[LoopState, Outcome]:
         """Advance like `tick`, but without books, and differentiable in both modes.
@@ -173,7 +170,7 @@ class Loop(eqx.Module):
         """
         commanded = self._commanded(carry)
         state, outcome = self.system.step(carry.state, commanded.command)
-        return self._advanced(commanded, state, None, carry.tally.with_solve(outcome)), outcome
+        return self._advanced(commanded, state, None, carry.tally.with_solve(outcome))
 
     def sensed(self, carry: LoopState) -> tuple[SensorState, ...]:
         """Return the sensors when those have measured whose time has come, and no others."""
@@ -213,8 +210,8 @@ class Loop(eqx.Module):
         state: State,
         books: EnergyAccount | None,
         progress: StepStatistics,
-    ) -> LoopState:
-        """Return the loop when the arm has moved."""
+    ) -> tuple[LoopState, Outcome]:
+        """Return the loop when the arm has moved, and the outcome of the last solve."""
         assert progress.outcome is not None
         converged = progress.outcome.converged
         steps = commanded.steps + converged
@@ -222,7 +219,25 @@ class Loop(eqx.Module):
         counted = jnp.where(converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
         tally = replace(progress, outcome=None)
-        return replace(commanded, state=state, books=books, steps=steps, tally=tally)
+        after = replace(commanded, state=state, books=books, steps=steps, tally=tally)
+        return after, progress.outcome
+
+
+_OF_INPUTS = ("feedforward", "command", "lower", "upper")
+"""Fields of what a controller sees that have a number for each input."""
+
+
+@compiled(**OFTEN)
+def see(
+    loop: Loop, state: LoopState, rows: Int[Array | np.ndarray, " input"]
+) -> tuple[ControllerInput, Int[Array, ""], Int[Array, ""]]:
+    """Return what a controller of some inputs sees, and the time steps of two commands.
+
+    These are the present one and the next.
+    """
+    seen = loop.seen(state.state, loop.sensed(state), state.command)
+    seen = replace(seen, **{name: getattr(seen, name)[rows] for name in _OF_INPUTS})
+    return seen, loop.command_step(state.ticks), loop.command_step(state.ticks + 1)
 
 
 _MIN_TIME = 0.05

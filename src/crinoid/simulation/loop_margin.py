@@ -18,8 +18,6 @@ passes to the right of the imaginary axis by `INDENTED` times the frequency: pol
 as stable, and ``L`` is finite everywhere.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -77,8 +75,7 @@ class Margin(NamedTuple):
 class OpenLoop(NamedTuple):
     """The transfer of a loop that is cut at the commands of the inputs that are driven."""
 
-    frequency: Float[np.ndarray, " f"]
-    """Hz."""
+    frequency: Float[np.ndarray, " f"]  # Hz
     transfer: Loops
     integrated: Float[np.ndarray, "*water input input"]
     """Gain of the integral terms on slow commands (1/s)."""
@@ -91,7 +88,7 @@ class OpenLoop(NamedTuple):
     @staticmethod
     def of(
         plants: Mapping[str, Plant], closed: Loop, resonances: Float[np.ndarray, " mode"]
-    ) -> OpenLoop:
+    ) -> "OpenLoop":
         """Build it from the closed loop of a PID, the arm in each water, and resonances (Hz)."""
         controller, system = closed.controller, closed.system
         assert isinstance(controller, Pid)
@@ -111,7 +108,7 @@ class OpenLoop(NamedTuple):
         both = np.ix_(driven, driven)
         return OpenLoop(grid, loop[..., *both], integrated[..., *both], tuple(plants))
 
-    def scaled(self, factor: Float[np.ndarray, " input"] | float) -> OpenLoop:
+    def scaled(self, factor: Float[np.ndarray, " input"] | float) -> "OpenLoop":
         """Return the loop with other gains."""
         factors = np.broadcast_to(factor, self.transfer.shape[-1:])
         return self._replace(

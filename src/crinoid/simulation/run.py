@@ -28,7 +28,7 @@ from crinoid.scenario.library import Source
 from crinoid.simulation.chunk import CAPACITY, chunk_program, one_instant, record, start_loop
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
 from crinoid.simulation.setup import Setup, set_up
-from crinoid.simulation.sink import Sink, require_space, resume_state
+from crinoid.simulation.sink import Sink, require_space
 
 _CHUNK_SECONDS = 0.25
 
@@ -201,20 +201,17 @@ def _run(
     *,
     with_notes: bool = True,
 ) -> Result:
-    scenario, loop = setup.prepared.scenario, setup.loop
+    scenario, loop = setup.scenario, setup.loop
     stride, run_chunk = scenario.output_steps, chunk_program(steps_in_all)
     every = jax.device_put(np.asarray(stride))
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = begin(loop, setup.state)
-    build = dataset_builder(setup)
-    sink = Sink(one_instant(first), build, path)
+    sink = Sink(one_instant(first), dataset_builder(setup), path)
     spent = 0.0
     if earlier is not None:
-        carry, held = resume_state(earlier, carry, build(one_instant(first), None), stride)
-        spent = earlier.dataset.attrs["wall_time"]
-        sink.go_on(held, carry, spent)
+        carry, spent = sink.resume(earlier, carry, stride)
     done, chunk = int(carry.steps), 16
-    trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
+    trouble, failed = start_failure(setup), None
     if done < total and not trouble:
         # a chunk without steps compiles, so that the wall time leaves it out
         jax.block_until_ready(run_chunk(loop, carry, carry.steps, every, CAPACITY))

@@ -30,7 +30,6 @@ from crinoid.scenario import Scenario, ScenarioError, counted, refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
-from crinoid.simulation.controller_view import see
 from crinoid.simulation.external import (
     CommandLike,
     ExternalCommand,
@@ -39,9 +38,10 @@ from crinoid.simulation.external import (
     inputs_in_words,
 )
 from crinoid.simulation.lateness import Lateness
+from crinoid.simulation.loop import see
 from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.sink import Sink, require_space, resume_state
+from crinoid.simulation.sink import Sink, require_space
 from crinoid.simulation.stepped_run import SteppedRun, alone
 
 _ATTRIBUTE = "external"  # of a result: the last values from outside, to continue from
@@ -137,7 +137,7 @@ class Session(Represented, SteppedRun):
         step, stride = self.scenario.simulation.time_step, self.scenario.output_steps
         super().__init__(stride, math.ceil(1 / (step * stride * given.control_rate_hz)) + 1)
         self._start()
-        if trouble := start_failure(self.scenario, self.loop.system, setup.outcome):
+        if trouble := start_failure(setup):
             dataset = self._sink.close(self.state, 0.0)
             raise SimulationError(conclude(setup, self.state, dataset, trouble, None, 0.0))
         self.compile()
@@ -292,8 +292,7 @@ class Session(Represented, SteppedRun):
     def _start(self) -> None:
         self.loop, self.failed = self._setup.loop, None
         self.state, first = begin(self.loop, self._setup.state)
-        build = dataset_builder(self._setup)
-        self._sink = Sink(one_instant(first), build, None)
+        self._sink = Sink(one_instant(first), dataset_builder(self._setup), None)
         self._signals = ExternalSignals(self._signals.kinds, self.scenario)
         self._origin, self._spent = None, 0.0
         self.late = Lateness()
@@ -337,10 +336,7 @@ class Session(Represented, SteppedRun):
         if described.with_values(values) != self.scenario:
             text = "got a result of another scenario"
             raise refusal("resume", text, "be of a session of this one")
-        first = dataset_builder(self._setup)(one_instant(self.record()), None)
-        self.state, kept = resume_state(earlier, self.state, first, self._stride)
-        self._spent = earlier.dataset.attrs["wall_time"]
-        self._sink.go_on(kept, self.state, self._spent)
+        self.state, self._spent = self._sink.resume(earlier, self.state, self._stride)
         try:
             self._signals.from_json(str(earlier.dataset.attrs.get(_ATTRIBUTE)))
         except ValueError as error:

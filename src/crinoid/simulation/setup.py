@@ -26,6 +26,7 @@ from crinoid.dynamics import (
     find_modes,
 )
 from crinoid.results.metrics import measures_of
+from crinoid.scenario import Scenario
 from crinoid.simulation.frequency_response import Plant
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.loop_margin import OpenLoop, loop_warnings
@@ -49,6 +50,11 @@ class Setup(NamedTuple):
     """The loop, cut open, in each of the waters that it is judged in; none without a PID."""
     loop_warnings: list[str]
     """Notes on the closed loop."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario of the run."""
+        return self.prepared.scenario
 
 
 def set_up(prepared: Prepared, *, notes: bool = True) -> Setup:

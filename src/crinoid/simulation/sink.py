@@ -191,16 +191,22 @@ class Sink:
         self._written = 0.0
         """Wall time of the run when the file was last brought up to date (s)."""
 
-    def go_on(self, kept: xr.Dataset, carry: LoopState, wall_time: float) -> None:
-        """Begin with what an earlier run kept, the first instant included, up to a state."""
-        first, self._written = self._take(), wall_time
+    def resume(self, earlier: Result, start: LoopState, stride: int) -> tuple[LoopState, float]:
+        """Begin with what an earlier run kept, the first instant included (`resume_state`).
+
+        Returns the state in which it ended, and its wall time (s).
+        """
+        first = self._take()
+        carry, kept = resume_state(earlier, start, first, stride)
+        self._written = wall_time = earlier.dataset.attrs["wall_time"]
         self._angle = float(kept["tip_angle"][-1])
         if self._path is None:
             self._kept = kept
-            return
-        names = [str(name) for name, data in first.data_vars.items() if "time" in data.dims]
-        more = pieces(kept.isel(time=slice(1, None)), names)
-        self._stream = Stream(self._path, first, more, named_leaves(carry), wall_time)
+        else:
+            names = [str(name) for name, data in first.data_vars.items() if "time" in data.dims]
+            more = pieces(kept.isel(time=slice(1, None)), names)
+            self._stream = Stream(self._path, first, more, named_leaves(carry), wall_time)
+        return carry, wall_time
 
     def append(self, record: Record) -> None:
         """Take some more instants, if there are any."""

@@ -1,7 +1,5 @@
 """A run that advances on request."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from functools import wraps

@@ -40,7 +40,8 @@ _BECK = 20.05
 _ANGLES = (
     *("base.tilt_deg", "base.pan_deg", "base.roll_deg", "base.channels.*.range_deg"),
     *("base.motion.*.amplitude_deg", "base.motion.*.phase_deg", "base.motion.*.value_deg"),
-    *("flow.*.phase_deg", "flow.*.direction_deg", "flow.*.heading_deg", "target.angle_deg"),
+    *("base.motion.*.heading_deg", "flow.*.phase_deg", "flow.*.direction_deg"),
+    *("flow.*.heading_deg", "target.angle_deg"),
 )
 
 

@@ -100,6 +100,18 @@ RANGES = (
     range_rule(_WAVES, 0.0, INF, "m", quantity="depth of the arm below troughs",
                quantity_unit="m", of=_below_troughs,
                below="The troughs leave the arm in the air, which is computed as water."),
+    range_rule("flow.*.speed", 0.3, 1.0, "m/s", quantity="speed / sqrt(g length)",
+               of=lambda facts, value, ship: value
+               / (facts.scenario.water.gravity * ship.length) ** 0.5,
+               below="Its waves are several times too high.", above="Is it in km/h or knots?"),
+    range_rule("flow.*.beam", 0.0, 0.25, "m", quantity="beam / length",
+               of=lambda facts, value, flow: value / flow.length,
+               above="The theory is that of a thin ship; its waves are too high."),
+    range_rule("flow.*.time", 0.0, INF, "s", quantity="time left when the wake arrives",
+               quantity_unit="s", limit="before the end of the run",
+               of=lambda facts, value, ship: facts.scenario.simulation.duration - value
+               - 8**0.5 * abs(ship.distance) / ship.speed,
+               below="The waves of the ship do not arrive in time."),
     range_rule(_STARTS, math.ulp(0.0), INF, "s", quantity="time left in the run",
                quantity_unit="s", of=_time_left, limit="before the end of the run",
                below="It never starts. Is it in ms?"),

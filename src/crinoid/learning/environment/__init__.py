@@ -15,12 +15,9 @@ __all__ = ["TASKS", "Task"]
 class Task:
     """A built-in scenario as a task with an id."""
 
-    scenario: str
-    """Name of the built-in scenario."""
-    values: dict[str, Any] = field(default_factory=dict)
-    """Other values of its keys."""
-    draw: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Keys that each episode draws."""
+    scenario: str  # name of the built-in scenario
+    values: dict[str, Any] = field(default_factory=dict)  # other values of its keys
+    draw: dict[str, tuple[float, float]] = field(default_factory=dict)  # keys that episodes draw
     success: dict[str, float] | None = None
     """Arguments of `crinoid.learning.environment.reward.Success`."""
 

@@ -71,7 +71,7 @@ class EpisodeDraw(NamedTuple):
     @property
     def scenario(self) -> Scenario:
         """Its scenario, with the values drawn."""
-        return self.setup.prepared.scenario
+        return self.setup.scenario
 
 
 class EpisodeSampler:
@@ -119,8 +119,7 @@ class EpisodeSampler:
         with on_processor():
             none = Parts(lambda plan: ExternalCommand(jnp.zeros(len(plan.inputs))))
             setup = set_up(Prepared(scenario, none))
-            trouble = start_failure(scenario, setup.loop.system, setup.outcome)
-            if trouble:
+            if trouble := start_failure(setup):
                 raise RuntimeError(trouble)
             # buffers suit the longest delay of all draws
             sensors = tuple(
@@ -166,7 +165,6 @@ def _check_options(options: Mapping[str, Any] | None) -> dict[str, Mapping[str, 
 
 
 def _check_ranges(where: str, ranges: Any) -> dict[str, tuple[float, float]]:
-    """Return ranges by key, as numbers."""
     if not isinstance(ranges or {}, Mapping):
         raise refusal(where, got(ranges, "be a dictionary of dotted keys and ranges"))
     found = {}

@@ -24,22 +24,17 @@ class EpisodeParameters(eqx.Module):
     """Constants of an episode."""
 
     loop: Loop
-    state: State
-    """State of the arm at the start."""
-    end: Int[Array, ""]
-    """Number of time steps."""
-    length: Float[Array, ""]
-    """Length of the arm (m)."""
+    state: State  # state of the arm at the start
+    end: Int[Array, ""]  # number of time steps
+    length: Float[Array, ""]  # length of the arm (m)
 
 
 class Episode(eqx.Module):
     """State of an episode between two actions."""
 
     now: LoopState
-    measured: Float[Array, " pose"]
-    """Pose of the tip that was measured last."""
-    time_at_target: Float[Array, ""]
-    """Time that the tip has been at its target (s)."""
+    measured: Float[Array, " pose"]  # pose of the tip that was measured last
+    time_at_target: Float[Array, ""]  # time that the tip has been at its target (s)
 
 
 class StepOutput(NamedTuple):
@@ -47,14 +42,11 @@ class StepOutput(NamedTuple):
 
     observation: Any
     reward: Any
-    time: Any
-    """Time (s)."""
-    distance: Any
-    """Distance of the tip from its target (m)."""
+    time: Any  # s
+    distance: Any  # distance of the tip from its target (m)
     failed: Any
     success: Any
-    over: Any
-    """Whether the time of the episode is over."""
+    over: Any  # whether the time of the episode is over
 
     def row(self) -> Float[Array, " number"]:
         """Return one array of all numbers, which a device transfers in one piece."""
@@ -75,14 +67,11 @@ class StepOutput(NamedTuple):
 class Rules:
     """Observation, reward and end of an environment's episodes."""
 
-    observables: Observables
-    """Observations and actions."""
+    observables: Observables  # observations and actions
     scale: np.ndarray
     """Weight of each coordinate in the deviation, times the length of the arm for positions."""
-    reward: Callable[[RewardInput], Float[Array, ""]]
-    """The reward, traceable."""
-    success: Success | None
-    """Condition under which the task is done; None: never."""
+    reward: Callable[[RewardInput], Float[Array, ""]]  # the reward, traceable
+    success: Success | None  # condition under which the task is done; None: never
 
     def begin(self, case: EpisodeParameters) -> Episode:
         """Return an episode at the start of its arm."""

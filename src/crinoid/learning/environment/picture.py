@@ -25,13 +25,10 @@ from crinoid.view.film.camera import FilmSettings, cloud_of
 from crinoid.view.film.picture import Picture
 from crinoid.view.film.settings import CameraSettings
 
-SIZE = (640, 480)
-"""Width and height (pixels)."""
+SIZE = (640, 480)  # width and height (pixels)
 _NODES = 81
-_TIMES = 25
-"""Number of target positions that the window contains."""
-_ROOM = 0.3
-"""Margin around the arm at the start and its target, over the length."""
+_TIMES = 25  # number of target positions that the window contains
+_ROOM = 0.3  # margin around the arm at the start and its target, over the length
 
 _keep = compiled(**ONCE)(record)
 

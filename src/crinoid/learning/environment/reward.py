@@ -13,8 +13,7 @@ from crinoid.scenario import Mistake, ScenarioError, got
 
 NEAR, FAR = 0.02, 1.0
 """Errors, over the arm's length, at which half of each part of the reward is lost."""
-CHANGES = 0.1
-"""Weight of the changes of commands."""
+CHANGES = 0.1  # weight of the changes of commands
 
 
 class RewardInput(eqx.Module):

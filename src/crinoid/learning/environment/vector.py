@@ -26,8 +26,7 @@ from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.library import Source
 from crinoid.simulation.external import numbers
 
-_FEWEST = 16
-"""Least default number of episodes that a reset prepares."""
+_FEWEST = 16  # least default number of episodes that a reset prepares
 
 
 class ArmVectorEnv(NamedBoxes, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):

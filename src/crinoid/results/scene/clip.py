@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
 
 from crinoid.results.scene.data import Obstacle, Point
 from crinoid.results.scene.mesh import Facets, look_rotation
@@ -74,20 +75,12 @@ def arm_outline(points: PaperPoints, diameter: Float[np.ndarray, " node"]) -> Pa
 
 
 def convex_outline(points: PaperPoints) -> PaperPoints:
-    """Corners of the smallest convex shape around points (Andrew 1979, monotone chains)."""
-    ordered = np.unique(points, axis=0)
-    chains = []
-    for line in (ordered, ordered[::-1]):
-        chain: list[np.ndarray] = []
-        for point in line:
-            while len(chain) > 1:
-                (a, b), (c, d) = chain[-1] - chain[-2], point - chain[-1]
-                if a * d - b * c > 0.0:
-                    break
-                chain.pop()
-            chain.append(point)
-        chains += chain[:-1]
-    return np.array(chains)
+    """Corners of the smallest convex shape around points; both ends of points on a line."""
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):  # they are on a line, or there are none
+        ordered = np.unique(points, axis=0)
+        return ordered[:: max(1, len(ordered) - 1)]
 
 
 def obstacle_outline(

@@ -1,7 +1,5 @@
 """The base of an arm over time, or the submarine that carries it: attitude, place, direction."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -48,7 +46,7 @@ class ArmMount:
         return self.floats or self.hull is not None
 
 
-def find_mount(result: Result) -> ArmMount:
+def find_mount(result: "Result") -> ArmMount:
     """Return how the root of an arm is held at each record."""
     data = result.dataset
     poses, travel = {}, {}

@@ -3,8 +3,6 @@
 Lengths compare within a parallel projection. A planar arm has y = 0 and is drawn from the side.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -33,7 +31,7 @@ class View:
     """Distance of the eye from there (m); at infinity the projection is parallel."""
 
     @staticmethod
-    def at(name: str, azimuth: float, elevation: float, centre: Triple, far: float) -> View:
+    def at(name: str, azimuth: float, elevation: float, centre: Triple, far: float) -> "View":
         """Return a view from an azimuth, from ahead toward port, and an elevation (deg)."""
         yaw, pitch = math.radians(azimuth), math.radians(elevation)
         across = (-math.sin(yaw), math.cos(yaw), 0.0)

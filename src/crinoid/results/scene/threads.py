@@ -1,7 +1,5 @@
 """Chambers and tendons as lines along the arm."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -33,7 +31,7 @@ class ThreadLine:
     largest: str  # drive at a share of 1, with its unit
 
 
-def find_threads(result: Result, nodes: Int[np.ndarray, " node"]) -> Iterator[ThreadLine]:
+def find_threads(result: "Result", nodes: Int[np.ndarray, " node"]) -> Iterator[ThreadLine]:
     """Yield the chambers and tendons of a result whose scenario is known, at some of its nodes."""
     data = result.dataset
     place = arc_length(data)[nodes]

@@ -26,6 +26,8 @@ PLAN = "plan.toml"
 """Name of the file of a plan."""
 MOST_RUNS, _MOST_FILES = 10_000_000, 100_000
 _MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
+ROWS = "rows"
+"""Sampling by rows, each with the values at one place of all lists, and name of its axis."""
 _SAMPLE = "\0sample"
 """Name of the axis of all keys that are sampled together."""
 _FIRST = 100
@@ -48,7 +50,7 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class SweepDesign(Design):
-    """All runs of a sweep: every combination of values, samples and seeds.
+    """All runs of a sweep: every combination of values, or of rows or samples, and seeds.
 
     The ``seed`` of the scenario is the first of the seeds, and draws the samples.
     """
@@ -57,7 +59,7 @@ class SweepDesign(Design):
     varied: Mapping[str, Span | list[Any]] = field(default_factory=dict)
     """Values of each key that varies: a list, or a `Span`, which without a count is sampled."""
     sampling: str = "grid"
-    """``grid``, where nothing is sampled, ``lhs``, ``sobol`` or ``saltelli``."""
+    """``grid`` of all combinations, ``rows`` of values, ``lhs``, ``sobol`` or ``saltelli``."""
     count: int = 1
     """Number of sampled points, or of blocks of points (`sample`)."""
     seeds: int = 1
@@ -74,6 +76,8 @@ class SweepDesign(Design):
             for key, values in self.varied.items()
             if key not in self._spans
         }
+        if self.sampling == ROWS:
+            axes = {ROWS: Levels.together([*axes.values()])}
         if self._spans:
             points = points_of(self.sampling, self.count, len(self._spans))
             axes[_SAMPLE] = Levels(points, self._sampled)
@@ -91,8 +95,9 @@ class SweepDesign(Design):
         count: int | None = None,
         seeds: int = 1,
         batch: int | None = None,
+        rows: Mapping[str, list[Any]] | None = None,
     ) -> SweepDesign:
-        """Return the plan of a scenario, its ``vary``, and the options ``--vary``."""
+        """Return the plan of a scenario, its ``vary`` and ``--vary``, or ``rows`` by key."""
         described = scenario_of(scenario)
         varied: dict[str, Span | list[Any]] = dict(described.vary)
         known = set()
@@ -102,6 +107,13 @@ class SweepDesign(Design):
                 raise refusal("--vary", f"got {key} twice; must name each key once")
             known.add(key)
             varied[key] = values
+        if rows:
+            if known or sampling != "grid" or varied.keys() - rows.keys():
+                hint = "Leave them out: its rows are all cases."
+                raise refusal("--weights", f"excludes --vary, vary and --sample. {hint}")
+            varied, sampling = dict(rows), ROWS
+        elif sampling == ROWS:
+            raise refusal("--sample", "rows needs --weights FILE, which has them")
         alone = described.with_values({})
         found = {
             key: values if isinstance(values, Span) else _settled(alone, key, values)
@@ -114,9 +126,14 @@ class SweepDesign(Design):
         plan = replace(plan, batch=batch or size)
         plan._check_runs()
         for run in plan.examples(_FIRST)[:_FIRST]:
-            with mistakes_at("--vary", case_words(plan.values(run))):
+            with mistakes_at(plan.option, case_words(plan.values(run))):
                 plan.case(run)
         return plan
+
+    @property
+    def option(self) -> str:
+        """The option of the command that gives the values."""
+        return "--weights" if self.sampling == ROWS else "--vary"
 
     @property
     def steps(self) -> int:
@@ -221,7 +238,7 @@ class SweepDesign(Design):
             if not values or not isinstance(values, (Span, list)):
                 raise refusal(f"varied.{key}", got(values, "be a list of values"))
         scenario = Scenario.from_dict(found.pop("scenario"))
-        count = None if found["sampling"] == "grid" else found["count"]
+        count = None if found["sampling"] in ("grid", ROWS) else found["count"]
         _check(varied, found["sampling"], count, found["seeds"], found["batch"])
         plan = SweepDesign(scenario, varied, **found)
         plan._check_runs()
@@ -229,7 +246,7 @@ class SweepDesign(Design):
 
     def _check_runs(self) -> None:
         if self.runs > MOST_RUNS:
-            raise refusal("--vary", f"makes {self.runs} runs; must make at most {MOST_RUNS}")
+            raise refusal(self.option, f"makes {self.runs} runs; must make at most {MOST_RUNS}")
         structures = prod(self.axes[key].count for key in self._structural)
         batches = max(structures, -(-self.runs // self.batch))
         if batches > _MOST_FILES:
@@ -243,7 +260,8 @@ class SweepDesign(Design):
         return {
             key
             for key, levels in self.axes.items()
-            if key not in (_SAMPLE, SEED) and not _is_number(self.scenario, key, levels.at(0)[key])
+            if key not in (_SAMPLE, SEED)
+            and not all(_is_number(self.scenario, *each) for each in levels.at(0).items())
         }
 
     @cached_property
@@ -290,9 +308,9 @@ def _check(
     seeds: int,
     batch: int | None,
 ) -> None:
-    known = ("grid", *SAMPLINGS)
+    known = ("grid", *SAMPLINGS, ROWS)
     if sampling not in known:
-        raise refusal("--sample", got(sampling, f"be {one_of(known)}"))
+        raise refusal("--sample", got(sampling, f"be {one_of(known[:-1])}"))
     for option, number in {"--count": count, "--seeds": seeds, "--batch": batch}.items():
         if number is not None and number < 1:
             raise refusal(option, got(number, "be at least 1"))
@@ -300,10 +318,14 @@ def _check(
         raise refusal("--count", got(count, f"be at most {MOST_RUNS}"))
     spans = [key for key, values in varied.items() if isinstance(values, Span)]
     sizes = [(v.count or 1) if isinstance(v, Span) else len(v) for v in varied.values()]
+    if sampling == ROWS:
+        if len(set(sizes)) != 1:
+            raise refusal("varied", f"got {sizes} values in rows; must be as many of each key")
+        sizes = sizes[:1]
     if (runs := prod(sizes) * seeds) > MOST_RUNS:
         raise refusal("--vary", f"makes {runs} runs; must make at most {MOST_RUNS}")
     without = [key for key in spans if varied[key].count is None]
-    if sampling == "grid":
+    if sampling in ("grid", ROWS):
         if without:
             text = f"got {without[0]}={varied[without[0]]}; must have a count (FROM:TO:COUNT)"
             raise refusal("--vary", f"{text}. Add it, or use --sample {one_of(SAMPLINGS)}.")

@@ -14,12 +14,12 @@ from jaxtyping import Float, Int
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.dataset import describe
-from crinoid.results.fatigue import combined_life
 from crinoid.results.metrics import CASES, Measures, measures_of, write_rows
 from crinoid.simulation.batch import Arm
 from crinoid.studies.design import SEED
 from crinoid.studies.measures import measures_dataset, tabulated
 from crinoid.studies.statistics import MEANS, records
+from crinoid.studies.sweep.long_term import EXTREMES, extremes_of, over_all_time
 from crinoid.studies.sweep.plan import PLAN, Batch, SweepDesign
 
 
@@ -63,8 +63,6 @@ def _write(path: Path, data: xr.Dataset) -> None:
 
 _BATCHES = "batches"
 _STUDY = "study.nc"
-_COMBINED = {"units": "year", "long_name": "fatigue life over the shares of time of all runs"}
-_SHARE = {"units": "1", "long_name": "share of time of the run"}
 
 
 class SweepStore:
@@ -79,7 +77,7 @@ class SweepStore:
 
     def files(self) -> list[str]:
         """Return the names of the files of a sweep or of another study that are there."""
-        names = (PLAN, _BATCHES, _STUDY, CASES, MEANS)
+        names = (PLAN, _BATCHES, _STUDY, CASES, MEANS, EXTREMES)
         return [name for name in names if (self.folder / name).exists()]
 
     def start(self, plan: SweepDesign) -> None:
@@ -94,7 +92,7 @@ class SweepStore:
 
     def tidy(self) -> None:
         """Remove unfinished files of a sweep that was killed."""
-        for name in (PLAN, CASES, MEANS, _STUDY, f"{_BATCHES}/*.nc"):
+        for name in (PLAN, CASES, MEANS, EXTREMES, _STUDY, f"{_BATCHES}/*.nc"):
             remove_unfinished(self.folder / name)
 
     def finished(self, plan: SweepDesign) -> set[int]:
@@ -125,14 +123,12 @@ class SweepStore:
     ) -> tuple[xr.Dataset, list[Path]]:
         """Write the study of all batches; return its dataset and files.
 
-        With the ``shares`` of time of the runs it has the fatigue life over all of them.
+        With the ``shares`` of time of the runs it has statistics `over_all_time`.
         """
         paths = map(self._path, range(len(plan.batches)))
         data = _assemble(plan, (xr.load_dataset(path, engine="netcdf4") for path in paths))
         if shares is not None:
-            life = combined_life(data["life"].values, shares)
-            data = data.assign(combined_life=((), life, _COMBINED))
-            data = data.assign_coords(share_of_time=("run", shares, _SHARE))
+            data = over_all_time(data, plan, shares)
         self._remove_study()
         path = self.folder / _STUDY
         _write(path, data)
@@ -141,10 +137,16 @@ class SweepStore:
         rows = enumerate(records(columns.to_dataframe()), start=1)
         cases = (plan.row(run, row, row.pop("status"), plan.name(run)) for run, row in rows)
         write_rows(self.folder / CASES, cases)
-        return data, [path, self.folder / CASES]
+        written = [path, self.folder / CASES]
+        if extremes := extremes_of(data):
+            table = extremes.to_array("measure").to_dataset("estimate").to_dataframe().reset_index()
+            table.insert(1, "units", [registry[name].unit for name in table["measure"]])
+            written.append(self.folder / EXTREMES)
+            write_rows(written[-1], records(table))
+        return data, written
 
     def _remove_study(self) -> None:
-        for name in (_STUDY, CASES, MEANS):
+        for name in (_STUDY, CASES, MEANS, EXTREMES):
             (self.folder / name).unlink(missing_ok=True)
 
     def _path(self, number: int) -> Path:

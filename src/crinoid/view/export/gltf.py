@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pygltflib
@@ -22,8 +21,7 @@ from crinoid.view.export.source import Files, Report, Shapes
 _RINGS = 80  # about how many rings the surface has
 
 
-@dataclass(frozen=True)
-class Skin:
+class Skin(NamedTuple):
     """Surface of the straight arm along +x, whose points follow two nodes each.
 
     The weight of a node falls with its distance, for a smooth surface with a ring at each node.

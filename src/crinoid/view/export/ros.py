@@ -24,18 +24,15 @@ WORLD, BASE, TIP, VEHICLE = "world", "base", "tip", "vehicle"
 """Frames of reference; z of the world is up."""
 _SECOND = 1_000_000_000  # ns
 _GAMMA = 1 / 2.2  # exponent from the light of a colour to its number on a screen
-_SHAPES = {"ellipsoid": 2, "capsule": 3, "rod": 3, "plate": 1}
-"""Types of markers: sphere, cylinder, cube."""
+_SHAPES = {"ellipsoid": 2, "capsule": 3, "rod": 3, "plate": 1}  # markers: sphere, cylinder, cube
 _LINE_STRIP, _SPHERE, _TRIANGLES, _DELETE = 4, 2, 11, 2
 _THIN = 1e-3  # thickness of a plate (m)
 _TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """From the axes of a marker, along z, to those of a body, along x."""
 
 Message = dict[str, Any]
-Stamps = Int[np.ndarray, " time"]
-"""Times (ns)."""
-Messages = Iterator[tuple[int, str, str, Message]]
-"""Times (ns), topics, types and messages."""
+Stamps = Int[np.ndarray, " time"]  # times (ns)
+Messages = Iterator[tuple[int, str, str, Message]]  # times (ns), topics, types and messages
 
 
 def write_mcap(source: Shapes, files: Files, report: Report) -> list[str]:

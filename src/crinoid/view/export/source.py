@@ -21,8 +21,7 @@ from crinoid.view.export.formats import Format
 from crinoid.view.refusals import require_path
 
 Files = Sequence[Path]
-Report = Callable[[int, int], None]
-"""Receives the numbers of written and of all instants."""
+Report = Callable[[int, int], None]  # receives the numbers of written and of all instants
 
 
 @dataclass(frozen=True)

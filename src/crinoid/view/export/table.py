@@ -2,8 +2,8 @@
 
 import csv
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,8 +15,7 @@ from crinoid.scenario.errors import Mistake, ScenarioError, got, shown
 from crinoid.view.export.source import Files, Report, Table
 
 
-@dataclass(frozen=True)
-class VariablePart:
+class VariablePart(NamedTuple):
     """Part of a variable: one index along some of its dimensions."""
 
     labels: tuple[str, ...]

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from itertools import chain
 
 import xlsxwriter
@@ -47,7 +46,7 @@ def write_xlsx(source: Table, files: Files, report: Report) -> list[str]:
         (name, _in_degrees(found.get("units", ""))[1], found.get("long_name", ""))
         for name, found in named.items()
     ]
-    parts = [replace(part, unit=_in_degrees(part.unit)[1]) for _, part in columns]
+    parts = [part._replace(unit=_in_degrees(part.unit)[1]) for _, part in columns]
     heads = (TIME, *(part.head(name) for (name, _), part in zip(columns, parts, strict=True)))
     with xlsxwriter.Workbook(files[0], {"constant_memory": True}) as book:
         book.set_properties({"author": PRODUCER})

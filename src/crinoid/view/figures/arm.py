@@ -16,14 +16,9 @@ from crinoid.results.scene.data import Point, base_word, even_indices, moves, ta
 from crinoid.results.scene.mesh import arm_facets
 from crinoid.results.scene.projection import View
 from crinoid.results.scene.scene import Keyframes, Scene
+from crinoid.view.figures import surroundings
 from crinoid.view.figures.painter import STEEL, instant
 from crinoid.view.figures.style import GREY, INK, PALE, VERMILLION, time_map, timed
-from crinoid.view.figures.surroundings import (
-    draw_obstacles,
-    draw_tool,
-    obstacle_points,
-    tool_facets,
-)
 
 _SHAPES = 25  # more would merge into a smear
 _HULL = 0.16  # share of the arm's length about the root, within which its base is shown
@@ -51,8 +46,8 @@ def points_of(scene: Scene) -> Float[np.ndarray, "point axis=3"]:
     found = [mount_points(scene)]
     for run in scene.members:
         thick, places = float(run.diameter.max()), run.position.reshape(-1, 3)
-        near = obstacle_points(run.obstacles, places, scene.length)
-        tool = tool_facets(run).reshape(-1, 3)
+        near = surroundings.obstacle_points(run.obstacles, places, scene.length)
+        tool = surroundings.tool_facets(run).reshape(-1, 3)
         found += [places - thick / 2, places + thick / 2, run.target, near, tool]
     return np.concatenate(found)
 
@@ -71,7 +66,7 @@ def draw_arm(
     else:  # the scene omits instants that are not finite
         chosen = np.flatnonzero(np.isin(run.at, chosen))
 
-    draw_obstacles(axes, run, chosen, *box, view)
+    surroundings.draw_obstacles(axes, run, chosen, *box, view)
     # an arm that points toward the eye is in front of its base
     hull = 0.9 if view.depth(run.mount.direction[-1]) > 1e-9 else 3.0
     looks = {"hull": (GREY, base_word(result.known_scenario)), "steel": (STEEL, "clamp")}
@@ -93,7 +88,7 @@ def draw_arm(
     axes.add_collection(lines)
     middle, label = (0.5, "arm over time") if len(chosen) > 1 else (0.0, "arm")
     axes.plot([], [], color=time_map()(middle), linewidth=1.0, label=label)
-    draw_tool(axes, run, view)
+    surroundings.draw_tool(axes, run, view)
     _draw_tip(axes, run, view, target_word(result))
 
 

@@ -18,7 +18,7 @@ from crinoid.results.reading import load_as, open_drawable
 from crinoid.results.report_error import ReportError
 from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED
 from crinoid.results.scene.data import is_spatial
-from crinoid.view.figures import style
+from crinoid.view.figures import shape, style
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_spectrum, series_chart
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.estimate import log_chart
@@ -31,13 +31,6 @@ from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.sea_record import draw_record
 from crinoid.view.figures.searches import draw_identification, draw_optimisation, draw_training
 from crinoid.view.figures.seed_means import draw_means, means_keys
-from crinoid.view.figures.shape import (
-    draw_bending,
-    draw_close_up,
-    draw_cycles,
-    draw_shape,
-    has_cycles,
-)
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.study import read_cases, study_of
 from crinoid.view.figures.waves import draw_waves, seas
@@ -51,27 +44,27 @@ class _Finding(NamedTuple):
     """The file of a finding: its kind in words, required variables, and figures."""
 
     kind: str
-    required: Mapping[str, tuple[str, ...]]  # variables and their dimensions
+    required: Mapping[str, str]  # names of variables by their dimensions
     figures: Mapping[str, Callable[[xr.Dataset], Figure | Chart]]
 
 
 _SEARCH = {
-    "tried": ("trial", "key"),
-    "found": ("trial", "measure", "draw"),
-    "start": ("trial",),
-    "range": ("key", "end"),
-    **dict.fromkeys(("given", "best"), ("key",)),
-    **dict.fromkeys(("before", "after"), ("measure", "draw")),
-    **dict.fromkeys(("limit", "sign"), ("measure",)),
+    "trial key": "tried",
+    "trial measure draw": "found",
+    "trial": "start",
+    "key end": "range",
+    "key": "given best",
+    "measure draw": "before after",
+    "measure": "limit sign",
 }
-"""Variables of a search for numbers, and their axes."""
+"""Variables of a search for numbers."""
 _FINDINGS = {
     "flow.nc": _Finding(
         "a current",
         {
-            "flow_velocity": ("time", "place", "axis"),
-            "flow_spectrum": ("frequency", "place", "axis"),
-            **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
+            "time place axis": "flow_velocity",
+            "frequency place axis": "flow_spectrum",
+            "height axis": "profile_mean profile_standard_deviation",
         },
         {
             "flow": series_chart,
@@ -82,78 +75,70 @@ _FINDINGS = {
     ),
     RECORD: _Finding(
         "a record",
-        {
-            "velocity": ("time", "axis"),
-            "filled": ("time",),
-            "spectrum": ("frequency", "part"),
-            "share": ("speed",),
-        },
+        {"time axis": "velocity", "time": "filled", "frequency part": "spectrum", "speed": "share"},
         {"record": draw_record},
     ),
     "modes.nc": _Finding(
         "modes",
         {
-            **dict.fromkeys(("frequency", "damping_ratio"), ("medium", "mode")),
-            **dict.fromkeys(("shape", "shape_quadrature"), ("medium", "mode", "node", "axis")),
-            "position": ("medium", "node", "axis"),
+            "medium mode": "frequency damping_ratio",
+            "medium mode node axis": "shape shape_quadrature",
+            "medium node axis": "position",
         },
         {"modes": draw_modes},
     ),
     CURVE: _Finding(
         "a bending curve",
         {
-            **dict.fromkeys(("tip_turn", "max_curvature"), ("branch", "*")),
-            "tip_position": ("branch", "*", "axis"),
-            "position": ("branch", "*", "node", "axis"),
+            "branch *": "tip_turn max_curvature",
+            "branch * axis": "tip_position",
+            "branch * node axis": "position",
         },
         {"curve": draw_curve},
     ),
     "compare.nc": _Finding(
         "a comparison",
         {
-            **dict.fromkeys(("rms_error", "max_error"), ("controller", "seed")),
-            "effort": ("controller", "seed", "input"),
-            "tick_time": ("controller",),
+            "controller seed": "rms_error max_error",
+            "controller seed input": "effort",
+            "controller": "tick_time",
         },
         {"compare": draw_comparison},
     ),
     "margins.nc": _Finding(
         "margins",
         {
-            **dict.fromkeys(("locus_real", "locus_imaginary"), ("frequency", "locus")),
-            **{f"{name}_margin": () for name in ("gain", "phase", "delay", "modulus")},
+            "frequency locus": "locus_real locus_imaginary",
+            "": "gain_margin phase_margin delay_margin modulus_margin",
         },
         {"bode": draw_bode, "nyquist": draw_nyquist},
     ),
     RESPONSE: _Finding(
         "a response",
-        {f"response_{part}": ("frequency", "output", "input") for part in ("real", "imaginary")},
+        {"frequency output input": "response_real response_imaginary"},
         {"response": draw_response},
     ),
     IDENTIFICATION: _Finding(
         "an identification",
         {
-            **dict.fromkeys(("given", "found", "standard_error"), ("parameter",)),
-            **dict.fromkeys(("measured", "computed", "computed_before"), ("time", "quantity")),
-            **dict.fromkeys(("set_aside", "marker", "hold"), ("time",)),
+            "parameter": "given found standard_error",
+            "time quantity": "measured computed computed_before",
+            "time": "set_aside marker hold",
         },
         {"identify": draw_identification},
     ),
     ESTIMATE: _Finding(
         "an estimate",
         {
-            **{f"estimated_tip_position{end}": ("time", "axis") for end in ("", "_std")},
-            **{f"estimated_flow_velocity{end}": ("time", "axis") for end in ("", "_std")},
-            **dict.fromkeys(("innovation", "innovation_std"), ("time", "reading")),
-            "sensor_reading": ("time", "reading"),
+            "time axis": "estimated_tip_position estimated_tip_position_std "
+            "estimated_flow_velocity estimated_flow_velocity_std",
+            "time reading": "innovation innovation_std sensor_reading",
         },
         {"log_estimate": log_chart},
     ),
     OPTIMISATION: _Finding("an optimisation", _SEARCH, {"optimise": draw_optimisation}),
     TUNING: _Finding("a tuning", _SEARCH, {"tune": draw_optimisation}),
-    TRAINING: _Finding(
-        "a training", {"cost": ("look",), "error": ("look",)}, {"training": draw_training}
-    ),
+    TRAINING: _Finding("a training", {"look": "cost error"}, {"training": draw_training}),
 }
 """Findings by the names of their files, which may be in the folder of a result."""
 
@@ -206,9 +191,10 @@ def _run(path: Path) -> Part:
     """Return a run and its figures; those that show changes only where it has several instants."""
     run = open_drawable(path)
     changes = run.dataset.sizes["time"] > 1
-    figures = {"shape": draw_sheet if is_spatial(run.dataset) else draw_shape}
-    figures |= {"tip_path": draw_close_up} if changes else {}
-    figures |= {"bending": draw_bending} | ({"cycles": draw_cycles} if has_cycles(run) else {})
+    figures = {"shape": draw_sheet if is_spatial(run.dataset) else shape.draw_shape}
+    figures |= {"tip_path": shape.draw_close_up} if changes else {}
+    figures["bending"] = shape.draw_bending
+    figures |= {"cycles": shape.draw_cycles} if shape.has_cycles(run) else {}
     drawn = {name: partial(draw, run) for name, draw in figures.items()}
     for chart in (section_load_chart(run), *(charts_of(run) if changes else ())):
         if chart is not None and chart.name not in _PAGE_ALONE:

@@ -6,16 +6,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from jaxtyping import Complex, Float
+from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import (
-    LogLocator,
-    MaxNLocator,
-    MultipleLocator,
-    NullFormatter,
-    ScalarFormatter,
-)
 
 from crinoid.results.measure_labels import head_of, main_measures, unit_for
 from crinoid.results.metrics import MEASURES
@@ -106,9 +100,9 @@ def _points(axes: Axes, kinds: list[str], values: Float[np.ndarray, "controller 
     axes.tick_params(axis="x", length=0)
     if logarithmic:
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(ScalarFormatter())
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(ticker.ScalarFormatter())
+        axes.yaxis.set_minor_formatter(ticker.NullFormatter())
         axes.set_ylim(0.8 * found.min(), 1.5 * found.max())
     elif found.size:
         low, high = axes.get_ylim()
@@ -154,7 +148,7 @@ def draw_bode(data: xr.Dataset) -> Figure:
     shown = frequency[large.any(axis=1)]
     size.set(xscale="log", xlim=(shown.min(), shown.max()), ylabel="size (dB)")
     step = 90 if high - low < 800 else 180 if high - low < 1600 else 360
-    phase.yaxis.set_major_locator(MultipleLocator(step))
+    phase.yaxis.set_major_locator(ticker.MultipleLocator(step))
     phase.set(xlabel="frequency (Hz)", ylabel="phase (deg)")
     style.key(size, columns=2)
     return figure
@@ -254,7 +248,7 @@ def draw_response(data: xr.Dataset) -> Figure:
         axes.set(xscale="log", yscale="log", xlim=frequency[[0, -1]])
         axes.set_ylabel(f"{name.replace('_', ' ')}\n({per})")
         phase.set_ylabel("phase (deg)")
-        phase.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 1.8, 3.6, 4.5, 9, 10]))
+        phase.yaxis.set_major_locator(ticker.MaxNLocator(4, steps=[1, 1.8, 3.6, 4.5, 9, 10]))
         if most > 0:
             axes.set_ylim(_UNSEEN * most, 2 * most)
         style.key(axes)

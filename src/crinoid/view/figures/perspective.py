@@ -16,27 +16,8 @@ from crinoid.results.scene.clip import box_corners, convex_outline, within_box
 from crinoid.results.scene.data import Point, even_indices, moves
 from crinoid.results.scene.projection import View, left_of, perspective
 from crinoid.results.scene.scene import Keyframes, Scene
+from crinoid.view.figures import painter, style
 from crinoid.view.figures.arm import chosen_records
-from crinoid.view.figures.painter import (
-    STEEL,
-    BodySurfaces,
-    Surface,
-    arm_surface,
-    instant,
-    line_surface,
-    paint,
-    wall_outlines,
-)
-from crinoid.view.figures.style import (
-    GREY,
-    INK,
-    PALE,
-    PURPLE,
-    VERMILLION,
-    small,
-    time_map,
-    time_norm,
-)
 from crinoid.view.figures.surroundings import SOLID, WALL, draw_earlier
 
 _FLOOR, _PANE, _GRID, _FRAME, _SHADE = "#F7F8F8", "white", "#E2E5E7", "#C8CDD0", "#D2D6D8"
@@ -108,7 +89,7 @@ def _write_numbers(
         axes.annotate(f"{name} (m)", end, away, ha=side, fontsize=8.0, **look)
 
 
-_COLOURS = {"hull": GREY, "steel": STEEL, "obstacle": SOLID, "tool": PURPLE}
+_COLOURS = {"hull": style.GREY, "steel": painter.STEEL, "obstacle": SOLID, "tool": style.PURPLE}
 _PATH = 300  # pieces of a path
 
 
@@ -117,36 +98,36 @@ def draw_end(
     scene: Scene,
     run: Keyframes,
     box: tuple[Point, Point],
-    lines: Iterable[Surface] = (),
-    arm: Surface | None = None,
+    lines: Iterable[painter.Surface] = (),
+    arm: painter.Surface | None = None,
 ) -> View:
     """Draw a run of a scene at its end, and lines, in a box that is shown as large as it goes.
 
     Another surface of the arm may be given. Return the view, from which bodies may hide lines.
     """
     low, high = box
-    view, now = perspective(low, high), instant(run, float(run.time[-1]))
+    view, now = perspective(low, high), painter.instant(run, float(run.time[-1]))
     corners = view.paper(box_corners(low, high))
     left, right = corners.min(axis=0), corners.max(axis=0)
     edge = 0.005 * (right - left)  # half a line
     left, right = left - edge, right + edge
     axes.set(aspect="equal", xlim=(left[0], right[0]), ylim=(left[1], right[1]))
     axes.set_axis_off()
-    axes.set_title(view.name, loc="left", fontsize=small(), pad=4)
+    axes.set_title(view.name, loc="left", fontsize=style.small(), pad=4)
     draw_box(axes, low, high, view)
-    bodies = BodySurfaces(scene, _COLOURS, float(np.linalg.norm(high - low)))
+    bodies = painter.BodySurfaces(scene, _COLOURS, float(np.linalg.norm(high - low)))
     solids = [part._replace(facets=within_box(part.facets, low, high)) for part in bodies.at(now)]
-    solids.append(arm or arm_surface(now, PALE))
+    solids.append(arm or painter.arm_surface(now, style.PALE))
     flat = np.concatenate([part.facets for part in solids])
     flat[..., 2] = low[2]
     look: Any = {"facecolors": _SHADE, "edgecolors": _SHADE, "linewidths": 0.3, "zorder": 0.6}
     axes.add_collection(PolyCollection(list(view.paper(flat)), **look), autolim=False)
     collection = PolyCollection([], joinstyle="round", zorder=2)
-    paint(collection, [*solids, *lines], view, whole=False)
+    painter.paint(collection, [*solids, *lines], view, whole=False)
     axes.add_collection(collection, autolim=False)
-    walls = wall_outlines(now.obstacles, low, high, view)
+    walls = painter.wall_outlines(now.obstacles, low, high, view)
     for outlines, alpha, order in zip(walls, (0.85, 0.25), (0.4, 3.0), strict=True):
-        wall = PolyCollection(outlines, facecolors=WALL, edgecolors=GREY, linewidths=0.7)
+        wall = PolyCollection(outlines, facecolors=WALL, edgecolors=style.GREY, linewidths=0.7)
         wall.set(alpha=alpha, zorder=order)
         axes.add_collection(wall, autolim=False)
     return view
@@ -155,12 +136,12 @@ def draw_end(
 def draw_over_time(axes: Axes, scene: Scene, run: Keyframes, box: tuple[Point, Point]) -> None:
     """Draw a run of a scene over time without its water, its bodies at the end."""
     chosen = chosen_records(run.time.size)
-    colours = time_map()(time_norm(run.time)(run.time[chosen]))
+    colours = style.time_map()(style.time_norm(run.time)(run.time[chosen]))
     shapes = zip(run.position[chosen], colours, strict=True)
-    lines = [line_surface(points, colour) for points, colour in shapes]
-    for path, ink in ((run.position[:, -1], VERMILLION), (run.target, INK)):
+    lines = [painter.line_surface(points, colour) for points, colour in shapes]
+    for path, ink in ((run.position[:, -1], style.VERMILLION), (run.target, style.INK)):
         if moves(path):
-            lines.append(line_surface(path[even_indices(len(path), _PATH)], ink))
+            lines.append(painter.line_surface(path[even_indices(len(path), _PATH)], ink))
     view = draw_end(axes, scene, run, box, lines)
     for obstacle in (each for each in run.obstacles if each.moves and each.kind != "plane"):
         body = obstacle_body(obstacle, scene, run, float(np.linalg.norm(box[1] - box[0])))
@@ -168,6 +149,5 @@ def draw_over_time(axes: Axes, scene: Scene, run: Keyframes, box: tuple[Point, P
         parts = (within_box(body.transform(mesh, int(record)), *box) for record in chosen)
         outlines = [convex_outline(view.paper(part.reshape(-1, 3))) for part in parts if part.size]
         draw_earlier(axes, outlines, colours)
-    axes.plot(
-        *view.paper(run.target[-1]), "o", markersize=7.5, mfc="none", mec=INK, mew=1.2, zorder=5
-    )
+    ring: Any = {"markersize": 7.5, "mfc": "none", "mec": style.INK, "mew": 1.2, "zorder": 5}
+    axes.plot(*view.paper(run.target[-1]), "o", **ring)

@@ -1,7 +1,6 @@
 """Figure of means over seeds: over one key with intervals, over two in a grid."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,12 +42,12 @@ def draw_means(study: Study, title: str) -> Figure:
     complete = [Status.of(each) is Status.OK for each in study.status]
     keys = means_keys(study)
     known = {
-        each.name: replace(each, values=np.where(complete, each.values, np.nan))
+        each.name: each._replace(values=np.where(complete, each.values, np.nan))
         for each in study.measures
     }
     if len({each.unit for each in known.values() if each.unit in _LENGTHS}) > 1:
         for each in [each for each in known.values() if each.unit in _LENGTHS]:
-            known[each.name] = replace(each, unit=_LENGTHS[1])
+            known[each.name] = each._replace(unit=_LENGTHS[1])
     names = main_measures(known)
     shown = [*names[:_FEW], *(name for name in names[_FEW:] if name not in MEASURES)]
     across = style.columns(3.0 if len(keys) == 2 else 1.6, 2)

@@ -1,7 +1,7 @@
 """The arm in space on one page: from above, from the side, from ahead, and in perspective."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -32,7 +32,6 @@ def in_best_frame(run: Result) -> tuple[Result, str]:
 
 
 def _relative_to_base(data: xr.Dataset) -> xr.Dataset:
-    """Return a result with all positions relative to the base."""
     root = data["position"].isel(node=0, drop=True)
     there = [name for name in _PLACES if name in data]
     return data.assign({k: (data[k] - root).transpose(*data[k].dims) for k in there})
@@ -92,8 +91,7 @@ _MARGIN = 0.04  # around everything, of the largest extent
 _LEAST = 0.35  # extent of the window along any axis, of the largest
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(NamedTuple):
     """Sizes in inches of three projections of one scale, and of the corner that they leave."""
 
     extent: Point

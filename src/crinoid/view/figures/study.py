@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -26,8 +25,7 @@ from crinoid.studies.design import SEED
 CaseNumbers = Float[np.ndarray, " case"]
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """A case: its name, its varied keys, its measures, and the folder of its result."""
 
     name: str
@@ -154,8 +152,7 @@ _MOST_LEVELS = 60  # values of a key that cells are drawn for
 _WIDE = 20.0  # ratio of numbers from which on their axis is logarithmic
 
 
-@dataclass(frozen=True)
-class Key:
+class Key(NamedTuple):
     """A key of the scenario that was varied."""
 
     name: str
@@ -187,8 +184,7 @@ class Key:
         return len(self.levels) < len(self.texts)
 
 
-@dataclass(frozen=True)
-class StudyMeasure:
+class StudyMeasure(NamedTuple):
     """A measure of each case."""
 
     name: str
@@ -197,8 +193,7 @@ class StudyMeasure:
     values: Float[np.ndarray, " case"]  # in SI; NaN where it is not known
 
 
-@dataclass(frozen=True)
-class Study:
+class Study(NamedTuple):
     """All cases of a study."""
 
     names: list[str]

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -175,8 +174,7 @@ def obstacle_points(
 _INSTANTS = 12
 
 
-@dataclass(frozen=True)
-class CurrentArrows:
+class CurrentArrows(NamedTuple):
     """Arrows on paper: where they start (m), the mean and some instants of the velocity (m/s)."""
 
     start: Float[np.ndarray, "place axis=2"]

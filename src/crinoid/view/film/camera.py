@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,8 +19,7 @@ _FAR = 2.2  # the eye's distance, of the diagonal of the window
 _INSTANTS = 100
 
 
-@dataclass(frozen=True)
-class Camera:
+class Camera(NamedTuple):
     """A view, and the part of its paper that is the picture."""
 
     view: View
@@ -93,8 +92,7 @@ _MOST = 20_000  # frames of an MP4: ten minutes and more
 _MOST_PIXELS = 2e8  # most pixels of all frames of a GIF, which stay in memory until it is written
 
 
-@dataclass(frozen=True)
-class FilmSettings:
+class FilmSettings(NamedTuple):
     """The frames of a film."""
 
     size: tuple[int, int]

@@ -13,16 +13,7 @@ from matplotlib.colors import to_hex, to_rgb, to_rgba
 from crinoid.results.scene.data import Point, moves
 from crinoid.results.scene.scene import Keyframes, Scene
 from crinoid.results.units import round_down
-from crinoid.view.figures.painter import (
-    STEEL,
-    BodySurfaces,
-    Shading,
-    arm_surface,
-    instant,
-    locate,
-    paint,
-    wall_outlines,
-)
+from crinoid.view.figures import painter
 from crinoid.view.figures.style import BLUE, INK, VERMILLION
 from crinoid.view.film.camera import Camera
 
@@ -31,7 +22,7 @@ TONES = (BLUE, VERMILLION)  # with control, and without
 WATER = "#12A0A6"
 
 _STONE = "#C2B8A8"
-_COLOURS = {"hull": "#C7D1D6", "steel": STEEL, "obstacle": _STONE, "tool": "#B87399"}
+_COLOURS = {"hull": "#C7D1D6", "steel": painter.STEEL, "obstacle": _STONE, "tool": "#B87399"}
 _GHOST = 0.45  # share of the run's colour in that of a ghost
 _TRAIL, _WAY = 250, 400  # pieces of the paths of tip and target
 _TURN = np.linspace(0.0, 2 * np.pi, 33)
@@ -49,14 +40,14 @@ class FilmPanel:
         scene: Scene,
         shown: Sequence[int],
         camera: Camera,
-        shading: Shading | None,
+        shading: painter.Shading | None,
         unit: float,
     ) -> None:
         self.axes, self.scene, self.camera, self.shading = axes, scene, camera, shading
         self.view = camera.view
         self._limits = np.array(axes.get_xlim()), np.array(axes.get_ylim())
         (self.run, self.tone), *self.ghosts = [(scene.members[i], TONES[i]) for i in shown]
-        self._bodies = BodySurfaces(scene, _COLOURS, camera.size)
+        self._bodies = painter.BodySurfaces(scene, _COLOURS, camera.size)
 
         def lines(width: float, order: float, colour: Any = None) -> LineCollection:
             look: Any = {"capstyle": "butt", "zorder": order, "colors": colour}
@@ -103,15 +94,15 @@ class FilmPanel:
         x, y = (limits + way @ drift for limits, way in zip(self._limits, view.plane, strict=True))
         self.axes.set(xlim=x, ylim=y)
         low, high = camera.low + drift, camera.high + drift
-        now = instant(self.run, time)
-        others = [(instant(ghost, time), ghost, colour) for ghost, colour in self.ghosts]
+        now = painter.instant(self.run, time)
+        others = [(painter.instant(ghost, time), ghost, colour) for ghost, colour in self.ghosts]
         # ghosts are farther by the arm's thickness, so that arms in the same place do not mix; in
         # one plane they are always behind
         lift = -float(self.run.diameter[0]) if scene.spatial else -1e9
-        arms = [arm_surface(each, pale(colour), lift=lift) for each, _, colour in others]
-        arm = arm_surface(now, self.tone, self.shading)
-        paint(self.solids, [*self._bodies.at(now), arm, *arms], view)
-        behind, before = wall_outlines(now.obstacles, low, high, view)
+        arms = [painter.arm_surface(each, pale(colour), lift=lift) for each, _, colour in others]
+        arm = painter.arm_surface(now, self.tone, self.shading)
+        painter.paint(self.solids, [*self._bodies.at(now), arm, *arms], view)
+        behind, before = painter.wall_outlines(now.obstacles, low, high, view)
         self.glass.set_verts(before)
         backdrop, earlier = [drift, *behind], self._backdrop
         fresh = len(backdrop) != len(earlier) or not all(map(np.array_equal, backdrop, earlier))
@@ -152,7 +143,7 @@ class FilmPanel:
 
     def _trail(self, now: Keyframes, run: Keyframes, tone: str, strong: float) -> Strokes:
         """Return the path of the tip, paler for earlier times."""
-        (record, _), times = locate(run, now.time[0]), run.time
+        (record, _), times = painter.locate(run, now.time[0]), run.time
         count = min(record + 1, _TRAIL)
         some = np.linspace(max(0, record - 4 * _TRAIL), record, count).round().astype(int)
         points = self.view.paper(np.concatenate([run.position[some, -1], now.position[:, -1]]))
@@ -178,7 +169,7 @@ class FilmPanel:
 
     def _put_water(self, now: Keyframes, along: Point) -> None:
         """Draw the current as arrows next to the arm, in front of it where they are nearer."""
-        water, view = instant(self.scene.members[0], now.time[0]).water, self.view
+        water, view = painter.instant(self.scene.members[0], now.time[0]).water, self.view
         assert water is not None
         start = water.start + along
         ends = view.paper(np.stack([start, start + water.velocity[0] / water.scale]))

@@ -1,7 +1,7 @@
 """The numbers of a loop that change while it runs: all are arguments of its compiled step."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,8 +20,7 @@ from crinoid.scenario import Scenario
 from crinoid.simulation import Loop, with_parameters
 
 
-@dataclass(frozen=True)
-class AdjustableNumbers:
+class AdjustableNumbers(NamedTuple):
     """Multiples of numbers of a scenario; 1 is as it describes them."""
 
     current: float = 1.0  # multiple of the velocities of all flows
@@ -34,7 +33,7 @@ class AdjustableNumbers:
     @property
     def changed_names(self) -> tuple[str, ...]:
         """Names of those that are not 1."""
-        return tuple(each.name for each in fields(self) if getattr(self, each.name) != 1.0)
+        return tuple(name for name, each in self._asdict().items() if each != 1.0)
 
 
 SHARES: Mapping[str, Mapping[str, tuple[str, ...]]] = {

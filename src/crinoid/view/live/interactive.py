@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -44,8 +44,7 @@ _LED = 0.3  # largest distance that it is aimed in front of a moving arm, over t
 Vector = Float[np.ndarray, " d"]
 
 
-@dataclass(frozen=True)
-class Debris:
+class Debris(NamedTuple):
     """A neutrally buoyant sphere to throw at the arm."""
 
     radius: float
@@ -58,8 +57,7 @@ class Debris:
         return {"kind": "sphere", "radius": self.radius, "mass": self.mass} | motion
 
 
-@dataclass(frozen=True)
-class InteractiveBodies:
+class InteractiveBodies(NamedTuple):
     """A load of zero at the tip and debris far away, which are added to a scenario."""
 
     debris: Debris | None  # None where nothing can be hit, or no place is free
@@ -247,8 +245,7 @@ class ControlledScenario(NamedTuple):
 
         prepared.check()
         setup = set_up(prepared)
-        trouble = start_failure(scenario, setup.loop.system, setup.outcome)
-        if trouble:
+        if trouble := start_failure(setup):
             raise StartError(trouble)
         target = ShiftedTarget.of(setup.loop.target, scenario.arm.dimension)
         loop = eqx.tree_at(lambda x: x.target, setup.loop, target)

@@ -47,10 +47,10 @@ class Page:
 
     def __init__(self, session: LiveSession, port: int, save: Callable[[Result], str]) -> None:
         check_port(port)
-        first, scenario, surfaces = session.look(), session.scenario, session.prepared.surfaces
+        first, scenario = session.look(), session.scenario
         self.clock = RealTimeClock(session, self._show, save)
         self._scenario, self._now, self._start = scenario, first, first
-        self._scene = LiveScene(scenario, session.bodies, first, surfaces)
+        self._scene = LiveScene(session, first)
         self._charts = LiveCharts(scenario, session.loop.system.inputs)
         self._panel, self._id = ControlPanel(session, self.clock), secrets.token_hex(8)
         self._connections: set[ServerConnection] = set()

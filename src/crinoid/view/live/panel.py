@@ -98,7 +98,7 @@ class ControlPanel:
         self._axes = AXES[session.scenario.arm.dimension]
         self._without = [] if session.bodies.debris is not None else ["throw"]
         self.controls = controls_of(session)
-        self._numbers = AdjustableNumbers.__dataclass_fields__.keys() & self.controls.keys()
+        self._numbers = set(AdjustableNumbers._fields) & self.controls.keys()
         self._values = dict.fromkeys(self._numbers, 1.0) | {"force": session.tip_force}
         self._actions = {
             "run": clock.toggle_running,

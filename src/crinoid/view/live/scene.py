@@ -1,6 +1,6 @@
 """Scene of a live session for its page: a table, and the numbers of each frame."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from crinoid.foundation.axes import CHANNELS
-from crinoid.recording import SolidSurface
 from crinoid.results.scene.data import Obstacle, SolidShape, ToolBall
 from crinoid.results.scene.mount import mount_of
 from crinoid.results.scene.scene import (
@@ -21,8 +20,7 @@ from crinoid.results.scene.scene import (
     arrow_nodes,
     arrow_starts,
 )
-from crinoid.scenario import Scenario
-from crinoid.view.live.interactive import InteractiveBodies
+from crinoid.view.live.session import LiveSession
 from crinoid.view.live.session_log import Snapshot
 
 NAMES = ("arm", "shape at the start")  # of the arm, and of its ghost
@@ -31,27 +29,21 @@ NAMES = ("arm", "shape at the start")  # of the arm, and of its ghost
 class LiveScene:
     """The arm, its target, rigid bodies and water of a session, made of its first instant."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        bodies: InteractiveBodies,
-        first: Snapshot,
-        surfaces: Mapping[str, SolidSurface],
-    ) -> None:
+    def __init__(self, session: LiveSession, first: Snapshot) -> None:
+        scenario, bodies = session.scenario, session.bodies
         self._scenario, self._spatial = scenario, scenario.arm.dimension == 3
         self._channels = CHANNELS[scenario.arm.dimension]
         self._obstacles = list(bodies.added_to(scenario).obstacle)
         self._parked = len(scenario.obstacle) if bodies.debris is not None else None
         self._solids = {
             name.removeprefix("obstacle."): SolidShape(read.points, read.facets)
-            for name, read in surfaces.items()
+            for name, read in session.prepared.surfaces.items()
         }
         self._tool = ToolBall.of(scenario.tool) if scenario.tool is not None else None
         self._arrows = arrow_nodes(first.nodes, scenario.arm.length)
         swept = np.concatenate([first.nodes, first.target[None]]) - first.nodes[0]
         mean = first.flow[self._arrows].mean(axis=0)
-        chosen = self._arrows, swept, mean
-        self._starts = arrow_starts(first.nodes, *chosen, scenario.arm.length)
+        self._starts = arrow_starts(first.nodes, self._arrows, swept, mean, scenario.arm.length)
 
     def scene(self, now: Snapshot, start: Snapshot) -> Scene:
         """Return an instant and the start as a scene, with all that stays fixed on the page."""

@@ -23,17 +23,7 @@ from crinoid.simulation.conclusion import command_failure, dataset_builder, step
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.run import begin
 from crinoid.simulation.stepped_run import SteppedRun
-from crinoid.view.live import adjustable
-from crinoid.view.live.interactive import (
-    CAPACITY,
-    ControlledScenario,
-    InteractiveBodies,
-    ShiftedTarget,
-    launch,
-    launch_paths,
-    shift_to,
-    tip_force,
-)
+from crinoid.view.live import adjustable, interactive
 from crinoid.view.live.session_log import SessionLog, SessionState, Snapshot
 
 _LATELY = 8  # most calls whose instants explain a step that fails
@@ -47,22 +37,22 @@ class LiveSession(SteppedRun):
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario.output_steps, CAPACITY)
+        super().__init__(scenario.output_steps, interactive.CAPACITY)
         self.scenario, self.prepared = scenario, Prepared(scenario)
         self.prepared.check()
         _ = self.prepared.digests
         self.doubts = plausibility_warnings(self.prepared)
         """Notes on implausible numbers of the scenario, a sentence each."""
-        self.bodies = InteractiveBodies.suited_to(scenario, self.prepared.surfaces)
+        self.bodies = interactive.InteractiveBodies.suited_to(scenario, self.prepared.surfaces)
         self.kind = scenario.control.kind  # kind of the present controller
-        self._by_kind: dict[str, ControlledScenario] = {}
+        self._by_kind: dict[str, interactive.ControlledScenario] = {}
         self._controlled = self._with_controller(self.kind)
         self.numbers, self.halted = adjustable.AdjustableNumbers(), ""
         """Reason for which the session has stopped; empty while it runs."""
         self._log: SessionLog | None = None
         self._shift = np.zeros(scenario.arm.dimension)
         self._lately: deque[Record] = deque(maxlen=_LATELY)
-        self.tip_force = tip_force(self._controlled.loop.system)
+        self.tip_force = interactive.tip_force(self._controlled.loop.system)
         """A force that deflects the tip by a third of the arm's length (N)."""
         self.reset()
         self._compile()
@@ -98,7 +88,7 @@ class LiveSession(SteppedRun):
         if self.bodies.debris is not None:
             system = self.loop.system
             parked = array(self.bodies.debris.parked) - system.forces.origin
-            state, _ = launch(system, state, parked, 0.0 * parked)
+            state, _ = interactive.launch(system, state, parked, 0.0 * parked)
         self.state, first = begin(self.loop, state)
         self._lately.append(one_instant(first))
         return note
@@ -127,7 +117,7 @@ class LiveSession(SteppedRun):
 
     def adjust(self, **values: float) -> None:
         """Change numbers (`crinoid.view.live.adjustable.AdjustableNumbers`)."""
-        self.numbers = replace(self.numbers, **values)
+        self.numbers = self.numbers._replace(**values)
         if not self.steps and self._log is None and not self._thrown:
             self.reset()
             return
@@ -140,9 +130,9 @@ class LiveSession(SteppedRun):
         if place is None:
             self._shift = np.zeros_like(self._shift)
         else:
-            origin = np.asarray(self.loop.system.forces.origin)
-            assert isinstance(self.loop.target, ShiftedTarget)
-            self._shift = shift_to(self.loop.target, origin + np.asarray(place), self.time)
+            there = np.asarray(self.loop.system.forces.origin) + np.asarray(place)
+            assert isinstance(self.loop.target, interactive.ShiftedTarget)
+            self._shift = interactive.shift_to(self.loop.target, there, self.time)
         self._renew()
         self._note("target")
 
@@ -159,8 +149,8 @@ class LiveSession(SteppedRun):
         if debris is None:
             must = "have an arm with a surface to hit, and room for debris far from it"
             raise ScenarioError([Mistake("debris", f"got a scenario without it; must {must}")])
-        for path in launch_paths(debris, self.state.state, arm):
-            state, free = launch(self.loop.system, self.state.state, *map(array, path))
+        for path in interactive.launch_paths(debris, self.state.state, arm):
+            state, free = interactive.launch(self.loop.system, self.state.state, *map(array, path))
             if free:
                 break
         else:
@@ -221,9 +211,11 @@ class LiveSession(SteppedRun):
     def _is_own(self) -> bool:
         return self.kind == self.scenario.control.kind
 
-    def _with_controller(self, kind: str) -> ControlledScenario:
+    def _with_controller(self, kind: str) -> interactive.ControlledScenario:
         if kind not in self._by_kind:
-            self._by_kind[kind] = ControlledScenario.of(self.scenario, self.bodies, kind)
+            self._by_kind[kind] = interactive.ControlledScenario.of(
+                self.scenario, self.bodies, kind
+            )
         return self._by_kind[kind]
 
     def _adjusted_flows(self, now: Sequence[Any] | None) -> tuple[Any, ...]:
@@ -245,7 +237,7 @@ class LiveSession(SteppedRun):
         _opened(self.loop, self.state)
         if self.bodies.debris is not None:
             nowhere = array(np.zeros(self.scenario.arm.dimension))
-            launch(self.loop.system, self.state.state, nowhere, nowhere)
+            interactive.launch(self.loop.system, self.state.state, nowhere, nowhere)
         self.look()
 
     def _note(self, *names: str) -> None:
