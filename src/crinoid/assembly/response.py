@@ -25,10 +25,8 @@ _NONE = 1e-9  # turn per amplitude of the waves that counts as none (rad/m)
 class ResponseParameters(eqx.Module):
     """The numbers of a vessel that moves with the waves."""
 
-    heading: Float[Array, ""]
-    """Direction of the bow (rad)."""
-    offset: Float[Array, " d"]
-    """Place of the arm's root on the vessel (m)."""
+    heading: Float[Array, ""]  # direction of the bow (rad)
+    offset: Float[Array, " d"]  # place of the arm's root on the vessel (m)
     response: dict[int, Float[Array, "2 m 6"]]
     """By the index of a flow of waves: real and imaginary parts of surge, sway, heave (m/m), roll,
     pitch and yaw (rad/m) of each wave."""

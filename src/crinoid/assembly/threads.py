@@ -32,26 +32,18 @@ class ThreadParameters(ActuatorParameters):
     """
 
     span: Float[Array, "thread 2"]
-    offset: Float[Array, "thread 2"]
-    """At the ends of the span (m); of a chamber that bends only, 1."""
-    angle: Float[Array, "thread 2"]
-    """At the ends of the span (rad)."""
-    area: Float[Array, " chamber"]
-    """Of the section of a chamber (m2); 0 of one that bends only."""
-    max_pressure: Float[Array, " chamber"]
-    """Pressure at a share of 1 (Pa); 0 of a line."""
-    max_tension: Float[Array, " tendon"]
-    """Tension at a share of 1 (N); 0 of a line."""
+    offset: Float[Array, "thread 2"]  # at the ends of the span (m); of a chamber that bends only, 1
+    angle: Float[Array, "thread 2"]  # at the ends of the span (rad)
+    area: Float[Array, " chamber"]  # of the section of a chamber (m2); 0 of one that bends only
+    max_pressure: Float[Array, " chamber"]  # pressure at a share of 1 (Pa); 0 of a line
+    max_tension: Float[Array, " tendon"]  # tension at a share of 1 (N); 0 of a line
     max_volume: Float[Array, " chamber"]
     """Volume that a share of 1 adds to a line (m3); 0 of others."""
     max_shortening: Float[Array, " tendon"]
     """Length that a share of 1 of a line pulls in (m); 0 of others."""
-    constant: Float[Array, " thread"]
-    """Drive to which the schedule and the commands add."""
-    pretension: Float[Array, " thread"]
-    """Tension of a tendon at a share of 0 (N)."""
-    stiffness: Float[Array, " thread"]
-    """Axial stiffness of a line (N), or bulk modulus (Pa)."""
+    constant: Float[Array, " thread"]  # drive to which the schedule and the commands add
+    pretension: Float[Array, " thread"]  # tension of a tendon at a share of 0 (N)
+    stiffness: Float[Array, " thread"]  # axial stiffness of a line (N), or bulk modulus (Pa)
     max_curvature: Float[Array, " thread"]
     """Curvature at a share of 1 of a chamber that bends only (1/m)."""
     stiffening: Float[Array, " thread"]
@@ -59,8 +51,7 @@ class ThreadParameters(ActuatorParameters):
     friction: Float[Array, " thread"] | None
     """Coefficient of friction of a tendon in its channel (1), 0 of a chamber; None where no
     tendon of the scenario has friction."""
-    min_pressure: Float[Array, " chamber"]
-    """Smallest pressure (Pa); 0 of a line."""
+    min_pressure: Float[Array, " chamber"]  # smallest pressure (Pa); 0 of a line
     lag: Float[Array, " thread"]
     max_rate: Float[Array, " thread"]
     """Greatest rate of the drive, per second; 1e30 if there is none."""
@@ -68,13 +59,11 @@ class ThreadParameters(ActuatorParameters):
     times: Float[Array, "thread point"]
     shares: Float[Array, "thread point"]
     names: tuple[str, ...] = eqx.field(static=True)
-    chambers: int = eqx.field(static=True)
-    """Number of chambers among them."""
+    chambers: int = eqx.field(static=True)  # number of chambers among them
     bends_only: tuple[bool, ...] = eqx.field(static=True)
     slots: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """Threads at each node, twice the number of each, and one more on the other side of a pair."""
-    lined: tuple[tuple[int, int], ...] = eqx.field(static=True)
-    """Thread and side of each line."""
+    lined: tuple[tuple[int, int], ...] = eqx.field(static=True)  # thread and side of each line
     pairs: tuple[bool, ...] = eqx.field(static=True)
     pinned: bool = eqx.field(static=True)
 
