@@ -79,14 +79,9 @@ class Prepared:
         _ = self.digests
         from crinoid.recording import read_recording  # xarray, slow to load
 
-        scenario, series = self.scenario, self.series
-        found = gathered(
-            {
-                f"flow.{index}": lambda flow=flow: read_recording(flow, scenario, series)
-                for index, flow in measured.items()
-            }
-        )
-        return dict(zip(measured, found.values(), strict=True))
+        others = (self.scenario, self.series)
+        readers = {f"flow.{i}": partial(read_recording, e, *others) for i, e in measured.items()}
+        return dict(zip(measured, gathered(readers).values(), strict=True))
 
     @cached_property
     def seas(self) -> dict[int, Sea]:
