@@ -74,6 +74,8 @@ ODD = [
     ("curl", "flow=[{kind='regular-wave', height=3, period=2}]", "flow.0.height: got 3.0 m (heigh"),
     ("wave-zone", "flow.1.significant_height=7", "flow.1.significant_height: got 7.0 m (height"),
     ("wave-zone", "flow.1.significant_height=4", "flow.1.significant_height: got 4.0 m (depth of"),
+    ("buoy-sea", "base.position=[0, 0, -1.5]; water.depth=1.8", "flow.0: got a significant"),
+    ("buoy-sea", "base.position=[0, 0, -1.0]", "flow.0: got a significant height of 1.21 m"),
     ("ship-wake", "flow.0.speed=2", "flow.0.speed: got 2.0 m/s (speed / sqrt(g length) = 0.261)"),
     ("ship-wake", "flow.0.beam=2", "flow.0.beam: got 2.0 m (beam / length = 0.333)"),
     ("ship-wake", "flow.0.time=25", "flow.0.time: got 25.0 s (time left when the wake arrives"),

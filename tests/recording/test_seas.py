@@ -12,7 +12,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.flow.waves import jonswap
 from crinoid.numerics.sea_statistics import SeaStatistics
 from crinoid.recording import at_gauge
-from crinoid.scenario import Scenario
+from crinoid.scenario import Scenario, ScenarioError
 from helpers.refusals import refusal
 
 HEIGHT, PERIOD, GRAVITY = 2.0, 8.0, 9.81
@@ -156,6 +156,7 @@ def test_spreading_and_a_seed_leave_the_elevation_at_the_gauge(tmp_path):
     [
         ({"skip": 170.0}, "time: ends at 29.5 s of the run; must end at simulation.duration"),
         ({"cut_hz": 1.0}, "cut_hz: got 1.0; must be below 1 (Hz), half the rate of the record"),
+        ({"cut_hz": 0.01}, "cut_hz: got 0.01; must be above those of the longest waves"),
         ({"value": "height"}, 'value: got "height", no such column in a.csv'),
         ({"time": "eta"}, 'time: eta is in "m"; must be in a unit'),
     ],
@@ -170,6 +171,15 @@ def test_still_water_is_no_elevation(tmp_path):
     table = written(tmp_path / "a.csv", np.arange(200.0), np.full(200, 0.5))
     line = "flow.0.elevation.value: eta has 200 samples from 0.5 to 0.5 m; must have 16 or more"
     assert refusal(waves(elevation=table)) == f"{line} that differ"
+
+
+def test_a_current_that_stops_all_waves_of_a_file_is_refused(tmp_path):
+    time = np.arange(0.0, 200.0, 0.5)
+    table = written(tmp_path / "a.csv", time, TRUTH.elevation(time))
+    case = waves(elevation=table, flows=[{"kind": "uniform", "velocity": [-90.0, 0.0, 0.0]}])
+    line = "flow.0.elevation.file: the current stops all waves of a.csv; must have waves that"
+    with pytest.raises(ScenarioError, match=line):
+        crinoid.parameters(case)
 
 
 # --- a spectrum -----------------------------------------------------------------------------------

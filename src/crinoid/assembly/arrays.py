@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import equinox as eqx
@@ -18,6 +19,8 @@ from crinoid.flow.flow import panels_of
 from crinoid.numerics.piecewise import PiecewisePolynomial, between
 from crinoid.numerics.ramp import Onset
 from crinoid.scenario import FlowTable, Load, LoadTable, Scenario, got, refusal
+from crinoid.scenario.errors import gathered
+from crinoid.scenario.kinds import is_own
 from crinoid.scenario.model import Model
 
 if TYPE_CHECKING:
@@ -101,7 +104,9 @@ def build_flow(
     # two random flows of one scenario are not the same
     seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
     given = (np.random.default_rng(seed), *(() if recording is None else (recording,)))
-    built = build_part(f"flow {index}", Flow, flow.build, scenario, *given)
+    made = partial(build_part, f"flow {index}", Flow, flow.build, scenario, *given)
+    key = f"flow.{index}" if is_own(flow) else ""
+    built = gathered({key: made})[key]
     if flow.uniform_mean is not None and built.uniform_mean is None:
         text = "got None; must be the mean velocity, as that of its table: waves ride on it"
         require(False, f"{part_name(built, f'flow {index}')} uniform_mean", text)

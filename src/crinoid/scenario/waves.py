@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake
+from crinoid.scenario.errors import Mistake, refusal
 from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import Degrees, Metres, Seconds
@@ -167,9 +167,17 @@ class WavesFlow(SurfaceWaves):
         others = self.common(scenario) | {"spreading": self.spreading, "generator": generator}
         if self.elevation is not None:
             others |= {"origin": self.elevation.position, **sea.given}
-            return self._made("Waves.at_gauge", **others)
+            return self._read("Waves.at_gauge", sea.name, others)
         others["components"] = self.components or 64
         if self.spectrum is not None:
-            return self._made("Waves.drawn", **(others | sea.given))
+            return self._read("Waves.drawn", sea.name, others | sea.given)
         size = {key: getattr(self, key) for key in self.keys}
         return self._made("Waves.jonswap", gamma=self.gamma or 3.3, **size, **others)
+
+    def _read(self, name: str, file: str, others: dict[str, Any]) -> Any:
+        try:
+            return self._made(name, **others)
+        except ValueError as error:
+            key = "elevation" if self.elevation is not None else "spectrum"
+            must = "have waves that travel against it"
+            raise refusal(f"{key}.file", f"{error} of {file}", must) from error

@@ -9,7 +9,7 @@ import numpy as np
 
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.rule import magnitude, numbers, rule, unusual
-from crinoid.diagnostics.plausibility.table import LIMP
+from crinoid.diagnostics.plausibility.table import IN_AIR, LIMP, arm_depth, breaking_height
 from crinoid.scenario import (
     DistributedLoad,
     GaussMarkovFlow,
@@ -64,6 +64,20 @@ def _flow_speed(facts: Facts) -> Iterator[str]:
         if speed > _FAST:
             got, usual = f"a flow of up to {speed:.3g} m/s", f"up to {_FAST:g} m/s"
             yield unusual(f"flow.{index}", got, usual, "Is it in cm/s or mm/s?")
+
+
+@rule(
+    *("flow.*.elevation", "flow.*.spectrum"),
+    limit="significant height up to that of breaking waves, and up to the depth of the arm",
+)
+def _seas_in_files(facts: Facts) -> Iterator[str]:
+    for index, sea in facts.prepared.seas.items():
+        height, period, *_ = sea.statistics
+        got, depth = f"a significant height of {height:.3g} m", arm_depth(facts)
+        if height > (most := breaking_height(facts, period)):
+            yield unusual(f"flow.{index}", got, f"up to {most:.3g} m", "Such waves break.")
+        if 0 <= depth < height:
+            yield unusual(f"flow.{index}", got, f"up to {depth:.3g} m, the arm's depth", IN_AIR)
 
 
 @rule(
@@ -214,4 +228,4 @@ def _time_step(facts: Facts) -> Iterator[str]:
         yield unusual("simulation.time_step", value, f"{steps:g} or more", hint)
 
 
-CHECKS = (_radians, _base_height, _flow_speed, _loads, _limp, _time_step)
+CHECKS = (_radians, _seas_in_files, _base_height, _flow_speed, _loads, _limp, _time_step)

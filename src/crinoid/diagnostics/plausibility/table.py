@@ -12,6 +12,7 @@ from crinoid.scenario import SurfaceWaves, TurbulenceFlow
 INF = math.inf
 LIMP = 500.0
 """Largest force times length squared over EI; of a force per length, times length cubed."""
+IN_AIR = "The troughs leave the arm in the air, which is computed as water."
 _WAVES = "flow.*.significant_height, flow.*.height"
 _STARTS = (
     "flow.*.start, load.*.start, tool.from, chamber.*.schedule.time, tendon.*.schedule.time, "
@@ -26,19 +27,28 @@ def _density(facts: Facts, *_: Any) -> float | None:
     return float(facts.mass.max()) / area if area else None
 
 
+def breaking_height(facts: Facts, period: float) -> float:
+    """Return the height at which waves break (m): Miche (1944) in deep water, else by depth."""
+    water, depth = facts.scenario.water, facts.scenario.water.depth
+    deep = 0.14 * water.gravity * period**2 / (2 * math.pi)
+    return min(deep, INF if depth is None else 0.6 * depth)
+
+
 def _breaking(facts: Facts, height: Any, flow: Any) -> float | None:
-    """Return a height over that of breaking waves: Miche (1944) in deep water, else by depth."""
     if not isinstance(flow, SurfaceWaves) or flow.state is None:
         return None
-    water, depth = facts.scenario.water, facts.scenario.water.depth
-    deep = 0.14 * water.gravity * flow.state.period**2 / (2 * math.pi)
-    return float(height / min(deep, INF if depth is None else 0.6 * depth))
+    return float(height / breaking_height(facts, flow.state.period))
+
+
+def arm_depth(facts: Facts) -> float:
+    """Return the depth of the highest point of a straight arm (m)."""
+    root = facts.scenario.base.position[-1]
+    return -max(root, root + facts.length * float(facts.direction[-1]))
 
 
 def _below_troughs(facts: Facts, height: Any, flow: Any) -> float | None:
-    root = facts.scenario.base.position[-1]
-    top = max(root, root + facts.length * facts.direction[-1])
-    return float(-top - height) if isinstance(flow, SurfaceWaves) and top <= 0 else None
+    depth = arm_depth(facts)
+    return float(depth - height) if isinstance(flow, SurfaceWaves) and depth >= 0 else None
 
 
 def _time_left(facts: Facts, value: Any, _: Any) -> float:
@@ -99,7 +109,7 @@ RANGES = (
                above="Such waves break."),
     range_rule(_WAVES, 0.0, INF, "m", quantity="depth of the arm below troughs",
                quantity_unit="m", of=_below_troughs,
-               below="The troughs leave the arm in the air, which is computed as water."),
+               below=IN_AIR),
     range_rule("flow.*.speed", 0.3, 1.0, "m/s", quantity="speed / sqrt(g length)",
                of=lambda facts, value, ship: value
                / (facts.scenario.water.gravity * ship.length) ** 0.5,
