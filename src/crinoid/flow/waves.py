@@ -81,7 +81,8 @@ class Waves(Flow):
         along = headings @ np.asarray(current, float)
         travels = frequencies < stopped(-along, depth, gravity) * (1 - 1e-9)
         if not travels.any():
-            raise ValueError("the current stops all waves")
+            speed = float(np.linalg.norm(current))
+            raise ValueError(f"the mean current of {speed:.3g} m/s stops all waves")
         headings, amplitudes, frequencies, phases, along = (
             each[travels] for each in (headings, amplitudes, frequencies, phases, along)
         )

@@ -54,6 +54,9 @@ def read_elevation(table: ElevationFile, duration: float) -> Sea:
     size = np.abs(found) * (frequency <= cut * (1 + 1e-9))
     order = np.argsort(size)
     kept = np.sort(order[np.cumsum(size[order]) >= _LEFT_OUT * about.height])
+    if not kept.size:
+        must = f"be higher: the peak of the waves is at {1 / period:.3g} Hz"
+        raise refusal("cut_hz", got(table.cut_hz, must))
     if kept.size > _MOST:
         hint = "Lower it, or simulation.duration."
         raise refusal(

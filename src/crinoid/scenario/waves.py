@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake
+from crinoid.scenario.errors import Mistake, refusal
 from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import Degrees, Metres, Seconds
@@ -171,11 +171,16 @@ class WavesFlow(SurfaceWaves):
     def build(self, scenario: Any, generator: Any, sea: Any = None) -> Any:
         """Return the waves; ``sea`` is what was read from the file."""
         others = self.common(scenario) | {"spreading": self.spreading, "generator": generator}
+        if self.elevation is None:
+            others["components"] = self.components or 64
+        if sea is None:
+            size = {key: getattr(self, key) for key in self.keys}
+            return self._made("Waves.jonswap", gamma=self.gamma or 3.3, **size, **others)
+        name, key = "Waves.drawn", "spectrum"
         if self.elevation is not None:
-            others |= {"origin": self.elevation.position, **sea.given}
-            return self._made("Waves.at_gauge", **others)
-        others["components"] = self.components or 64
-        if self.spectrum is not None:
-            return self._made("Waves.drawn", **(others | sea.given))
-        size = {key: getattr(self, key) for key in self.keys}
-        return self._made("Waves.jonswap", gamma=self.gamma or 3.3, **size, **others)
+            name, key, others["origin"] = "Waves.at_gauge", "elevation", self.elevation.position
+        try:
+            return self._made(name, **(others | sea.given))
+        except ValueError as error:
+            place = f"flow.{scenario.flow.index(self)}.{key}.file"
+            raise refusal(place, f"{sea.name}: {error}", "be slower, or absent") from error
