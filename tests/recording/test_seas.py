@@ -13,7 +13,7 @@ from crinoid.flow.waves import jonswap
 from crinoid.numerics.sea_statistics import SeaStatistics
 from crinoid.recording import at_gauge
 from crinoid.scenario import Scenario
-from helpers.refusals import refusal
+from helpers.refusals import mistake, refusal
 
 HEIGHT, PERIOD, GRAVITY = 2.0, 8.0, 9.81
 
@@ -155,6 +155,7 @@ def test_spreading_and_a_seed_leave_the_elevation_at_the_gauge(tmp_path):
     ("change", "line"),
     [
         ({"skip": 170.0}, "time: ends at 29.5 s of the run; must end at simulation.duration"),
+        ({"cut_hz": 0.01}, "cut_hz: got 0.01; must be higher: the peak of the waves is at "),
         ({"cut_hz": 1.0}, "cut_hz: got 1.0; must be below 1 (Hz), half the rate of the record"),
         ({"value": "height"}, 'value: got "height", no such column in a.csv'),
         ({"time": "eta"}, 'time: eta is in "m"; must be in a unit'),
@@ -315,6 +316,15 @@ def test_a_current_stops_a_part_of_a_spectrum():
     assert 4 * flow.deviation == pytest.approx(HEIGHT, rel=1e-6)
     along = -1.5 * np.asarray(flow.headings)[:, 0]
     assert np.all(4 * flow.frequencies * -along < GRAVITY * (1 + 1e-9))
+
+
+def test_a_current_that_stops_all_waves_of_a_file_is_refused():
+    against = [{"kind": "uniform", "velocity": [-50.0, 0.0, 0.0]}]
+    table = {"file": wavewatch(), "heading_deg": TOWARD}
+    case = Prepared(waves(flows=against, spectrum=table))
+    line = mistake(lambda: case.parameters)
+    assert line.startswith("flow.0.spectrum.file: ")
+    assert line.endswith("the mean current of 50 m/s stops all waves; must be slower, or absent")
 
 
 def without(*names):
