@@ -87,7 +87,7 @@ class Waves(Flow):
             each[travels] for each in (headings, amplitudes, frequencies, phases, along)
         )
         if depth is None:
-            # of so many wavelengths nothing is felt of the bed, to the last digit
+            # at this depth, in wavelengths, the bed changes no digit
             numbers = deep_wave_number(frequencies, gravity, along)
             depth = DEEP_WATER * 2 * np.pi / float(np.min(numbers))
         place = np.zeros(headings.shape[1]) if origin is None else origin
