@@ -24,6 +24,8 @@ from crinoid.numerics.small_matrices import product
 _ANGLES = 721
 """Directions of a turn, both ends included."""
 _GOLDEN = (5**0.5 - 1) / 2
+_SLOWEST = 1e-100
+"""Speed of a current whose square is a number (m/s)."""
 
 
 class Waves(Flow):
@@ -372,6 +374,7 @@ def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarr
     Where waves are stopped their energy travels as fast as the water comes.
     """
     against = np.asarray(against, float)
+    against = np.where(against < _SLOWEST, 0.0, against)
     fast = np.full(against.shape, False) if depth is None else against**2 >= gravity * depth
     found = np.where(fast, 0.0, np.inf)
     slow = against[(against > 0) & ~fast]
