@@ -121,6 +121,14 @@ def test_weights_that_do_not_fit_are_one_line(tmp_path, text, line):
     assert re.match(f"--weights: .*{line}", mistake(read_weights, file))
 
 
+def test_weights_of_a_spreadsheet_with_decimal_commas_are_read(tmp_path):
+    file = tmp_path / "scatter.csv"
+    file.write_text("water.depth;share of time\r\n8,5;0,4\r\n9;0,6\r\n")
+    rows, shares = read_weights(file)
+    assert rows == {"water.depth": [8.5, 9]}
+    assert shares.tolist() == [0.4, 0.6]
+
+
 COMMANDS = {
     "sweep --vary arm.length=0.5:-0.5:2": "arm.length: got -0.5; must be a number above 0",
     "sweep --vary arm.nodes=5:8:3": "arm.nodes: got 5.0; must be a whole number",

@@ -230,7 +230,7 @@ COMMANDS = (
         Option("--scheduler ADDRESS", str,
             "Scheduler of dask.distributed whose workers are to run it.", "this machine"),
         Option("--weights FILE", Path,
-            "Cases and shares of time: histogram.csv or scatter.csv of crinoid flow, say."),
+            "Cases and shares of time, such as scatter.csv or histogram.csv of crinoid flow."),
         Option("--dry-run", False, "Estimate the cost, and write nothing."),
         _SET, out("results/SCENARIO-sweep"), resume("sweep"), _FORCE),
     Command("train", "crinoid.cli.study_commands:train",

@@ -18,10 +18,12 @@ def read_weights(file: Path) -> tuple[dict[str, list[float]], Float[np.ndarray, 
     """
     keys: list[str] = []
     try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            table = csv.DictReader(stream)
-            keys = [name for name in table.fieldnames or () if name != SHARE]
-            rows = [[value_of(row[name]) for name in (*keys, SHARE)] for row in table]
+        text = file.read_text(encoding="utf-8-sig")
+        if ";" in text:  # of a spreadsheet with decimal commas
+            text = text.replace(",", ".").replace(";", ",")
+        table = csv.DictReader(text.splitlines())
+        keys = [name for name in table.fieldnames or () if name != SHARE]
+        rows = [[value_of(row[name]) for name in (*keys, SHARE)] for row in table]
         if not (keys and rows and np.isfinite(rows).all()):
             raise ValueError
     except (KeyError, TypeError, ValueError, csv.Error) as error:

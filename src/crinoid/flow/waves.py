@@ -82,12 +82,13 @@ class Waves(Flow):
         along = headings @ np.asarray(current, float)
         travels = frequencies < stopped(-along, depth, gravity) * (1 - 1e-9)
         if not travels.any():
-            raise ValueError("the current stops all waves")
+            speed = float(np.linalg.norm(current))
+            raise ValueError(f"the mean current of {speed:.3g} m/s stops all waves")
         headings, amplitudes, frequencies, phases, along = (
             each[travels] for each in (headings, amplitudes, frequencies, phases, along)
         )
         if depth is None:
-            # of so many wavelengths nothing is felt of the bed, to the last digit
+            # at this depth, in wavelengths, the bed changes no digit
             numbers = deep_wave_number(frequencies, gravity, along)
             depth = DEEP_WATER * 2 * np.pi / float(np.min(numbers))
         place = np.zeros(headings.shape[1]) if origin is None else origin

@@ -113,7 +113,7 @@ def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
     found = roles(dataset)
     text = f"{short(file)} contains {listed([str(name) for name in dataset.variables])}"
     if "time" not in found or not {"east", "speed"} & set(found):
-        lacking = "a velocity" if "time" in found else "a time"
+        lacking = "a velocity, or a height and a period of waves," if "time" in found else "a time"
         raise refusal("file", text, f"have {lacking} under a usual name, or name it in [[flow]]")
     if "east" not in found and "direction" not in found:
         raise refusal("file", text, f"have a direction, or components, with {found['speed']}")

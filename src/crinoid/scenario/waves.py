@@ -165,19 +165,16 @@ class WavesFlow(SurfaceWaves):
     def build(self, scenario: Any, generator: Any, sea: Any = None) -> Any:
         """Return the waves; ``sea`` is what was read from the file."""
         others = self.common(scenario) | {"spreading": self.spreading, "generator": generator}
+        if self.elevation is None:
+            others["components"] = self.components or 64
+        if sea is None:
+            size = {key: getattr(self, key) for key in self.keys}
+            return self._made("Waves.jonswap", gamma=self.gamma or 3.3, **size, **others)
+        name, key = "Waves.drawn", "spectrum"
         if self.elevation is not None:
-            others |= {"origin": self.elevation.position, **sea.given}
-            return self._read("Waves.at_gauge", sea.name, others)
-        others["components"] = self.components or 64
-        if self.spectrum is not None:
-            return self._read("Waves.drawn", sea.name, others | sea.given)
-        size = {key: getattr(self, key) for key in self.keys}
-        return self._made("Waves.jonswap", gamma=self.gamma or 3.3, **size, **others)
-
-    def _read(self, name: str, file: str, others: dict[str, Any]) -> Any:
+            name, key, others["origin"] = "Waves.at_gauge", "elevation", self.elevation.position
         try:
-            return self._made(name, **others)
+            return self._made(name, **(others | sea.given))
         except ValueError as error:
-            key = "elevation" if self.elevation is not None else "spectrum"
-            must = "have waves that travel against it"
-            raise refusal(f"{key}.file", f"{error} of {file}", must) from error
+            place = f"flow.{scenario.flow.index(self)}.{key}.file"
+            raise refusal(place, f"{sea.name}: {error}", "be slower, or absent") from error

@@ -95,7 +95,9 @@ class StudyPage {
       data.v = Float64Array.from(values);
       data.fill = values.map(tone);
       const half = data[`${measure.name} half`] || [], short = (value) => Number(value.toPrecision(3)).toString();
-      data.text = values.map((value, i) => (Number.isFinite(value) ? short(value) + (half[i] > 0 ? ` ± ${Number(half[i].toPrecision(2))}` : "") : "–"));
+      const most = view.box.clientWidth / new Set(data.x).size / 8; // letters in a cell
+      const whole = (value, i) => short(value) + (half[i] > 0 ? ` ± ${Number(half[i].toPrecision(2))}` : "");
+      data.text = values.map((value, i) => (!Number.isFinite(value) ? "–" : whole(value, i).length > most ? short(value) : whole(value, i)));
       data.tone = values.map((value) => (!Number.isFinite(value) ? read("soft") : share(value) > 0.55 ? "#14201f" : "#ffffff"));
       if ("low" in data) [data.low, data.high] = [data[`${measure.name} low`], data[`${measure.name} high`]];
       source.data = data;
