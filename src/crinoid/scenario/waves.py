@@ -176,5 +176,4 @@ class WavesFlow(SurfaceWaves):
         try:
             return self._made(name, **(others | sea.given))
         except ValueError as error:
-            place = f"flow.{scenario.flow.index(self)}.{key}.file"
-            raise refusal(place, f"{sea.name}: {error}", "be slower, or absent") from error
+            raise refusal(f"{key}.file", f"{sea.name}: {error}", "be slower, or absent") from error
