@@ -88,6 +88,14 @@ def test_the_elevation_at_the_gauge_is_that_of_the_record(tmp_path, first, last,
     assert "components up to 0.497 Hz differ from it by" in sea.notes[-1]
 
 
+def test_a_swell_does_not_cut_off_the_wind_sea(tmp_path):
+    time = np.arange(0.0, 400.0, 0.25)
+    eta = np.cos(2 * np.pi * time / 12.1) + 0.4 * np.cos(2 * np.pi * time / 2.3)
+    _, elevation = components(waves(elevation=written(tmp_path / "a.csv", time, eta)))
+    away = elevation(time[:240]) - eta[:240]
+    assert away.std() < 0.001**0.5 * eta.std()  # less than a thousandth of the variance
+
+
 def test_the_water_below_the_gauge_moves_as_in_the_true_sea(tmp_path):
     time = np.arange(0.0, 400.0, 0.5)
     table = written(tmp_path / "a.csv", time, TRUTH.elevation(time, x=5.0))

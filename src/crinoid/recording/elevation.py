@@ -19,6 +19,7 @@ after a run that show its peak, and most components."""
 _MARGIN, _BEYOND, _WINDOW = 10, 5, 20
 """Peak periods: of the record before and after a run that is represented too, from there to the
 repetition of the components, and of a window of the spectrum."""
+_NEARLY_ALL = 0.999  # share of the variance up to the default of the highest frequency
 _NOISE, _FLOOR, _LEFT_OUT = 1e-4, 1e-8, 1e-4
 """Deviation from the record over that of the sea, least density over that of the peak, and the sum
 of amplitudes that are left out over the significant height."""
@@ -44,11 +45,13 @@ def read_elevation(table: ElevationFile, duration: float) -> Sea:
     if table.cut_hz is not None and table.cut_hz >= rate / 2:
         must = f"be below {rate / 2:.6g} (Hz), half the rate of the record"
         raise refusal("cut_hz", got(table.cut_hz, must))
-    cut = table.cut_hz or min(rate / 2, SPECTRUM_HIGHEST / period)
     near = np.abs(time - duration / 2) <= duration / 2 + _MARGIN * period
     frequency, found = _harmonics(values, near, there, interval, period)
     mean, found, frequency = found[0].real, found[1:], frequency[1:]
     time, values, there = time[near], values[near] - mean, there[near]
+    variance = np.abs(found) ** 2
+    most = frequency[np.searchsorted(np.cumsum(variance), _NEARLY_ALL * variance.sum())]
+    cut = table.cut_hz or min(rate / 2, max(SPECTRUM_HIGHEST / period, float(most)))
     size = np.abs(found) * (frequency <= cut * (1 + 1e-9))
     order = np.argsort(size)
     kept = np.sort(order[np.cumsum(size[order]) >= _LEFT_OUT * about.height])
@@ -65,7 +68,7 @@ def read_elevation(table: ElevationFile, duration: float) -> Sea:
     given = {"amplitudes": size[kept], "frequencies": rates, "phases": phases}
     run = (time >= 0) & (time <= duration) & there
     away = at_gauge(time[run], *given.values()) - values[run]
-    statistics, variance = SeaStatistics.of_record(values, interval), np.abs(found) ** 2
+    statistics = SeaStatistics.of_record(values, interval)
     above, slow = (
         variance[which].sum() / variance.sum()
         for which in (frequency > cut, frequency < 1 / (3 * period))

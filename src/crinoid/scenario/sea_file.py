@@ -32,8 +32,8 @@ class ElevationFile(Model):
     ] = entry((0.0,), "Place of the gauge.")
     cut_hz: Hertz | None = entry(
         None,
-        "Highest frequency of the components; by default four times that of the peak, and at most "
-        "half the rate of the record.",
+        "Highest frequency of the components; by default four times that of the peak, or more up "
+        "to 99.9 % of the variance, and at most half the rate of the record.",
         gt=0,
     )
 
