@@ -12,8 +12,7 @@ Moves = Float[Array, "input move"]
 Inputs = Float[Array, " input"]
 Carry = tuple[Inputs, Inputs, Inputs]
 
-_UNLIMITED = 4.0
-"""Change of moves over the largest move that no two moves can have."""
+_UNLIMITED = 4.0  # change of moves over the largest move that no two moves can have
 
 
 class Braking(eqx.Module):

@@ -12,8 +12,7 @@ Moving = Float[Array, " motion"]
 Number = Float[Array, ""]
 
 _UP = 0.5 * jnp.pi
-_ROOM = 0.98
-"""Share of its travel that the base uses to swing the arm up."""
+_ROOM = 0.98  # share of its travel that the base uses to swing the arm up
 
 
 class Pendulum(eqx.Module):

@@ -112,8 +112,7 @@ class Observer(eqx.Module):
         return numbers[jnp.asarray(self.kept, int)] - self.at_rest
 
 
-_SWEEPS = 20
-"""Sweeps of coordinate descent over the inputs for the best moves within limits."""
+_SWEEPS = 20  # sweeps of coordinate descent over the inputs for the best moves within limits
 
 
 class LqgMemory(eqx.Module):

@@ -17,8 +17,7 @@ from crinoid.numerics.small_matrices import product
 
 Driven = Float[Array, " driven"]
 
-_AT_LIMIT = 1e-6
-"""Relative distance from a limit that counts as zero."""
+_AT_LIMIT = 1e-6  # relative distance from a limit that counts as zero
 
 
 class MpcMemory(eqx.Module):
@@ -147,12 +146,9 @@ class RigidRotationCorrection(eqx.Module):
         return jnp.concatenate([moved, product(turn, self.pointing) - self.pointing])
 
 
-_SHARPNESS = 3
-"""Exponent of the weight's decay with the squared distance from a model."""
-_AT_ONE = 1e-4
-"""Distance from a model that counts as zero (rad)."""
-_ROUNDS = 4
-"""Number of corrections of the commands for a pose by the nonlinear part."""
+_SHARPNESS = 3  # exponent of the weight's decay with the squared distance from a model
+_AT_ONE = 1e-4  # distance from a model that counts as zero (rad)
+_ROUNDS = 4  # number of corrections of the commands for a pose by the nonlinear part
 
 
 class ScheduledMpc(Controller):

@@ -11,12 +11,9 @@ from crinoid.control.target import Pose, pose_error
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import product, solve
 
-_DAMPING = 1e-4
-"""Damping of the inverse, as a squared share of the largest singular value."""
-_READY = 1e2
-"""Weight of an input that relieves another, relative to one that returns to rest."""
-_RANK = 1e-9
-"""Share of the largest singular value below which a direction counts as none."""
+_DAMPING = 1e-4  # damping of the inverse, as a squared share of the largest singular value
+_READY = 1e2  # weight of an input that relieves another, relative to one that returns to rest
+_RANK = 1e-9  # share of the largest singular value below which a direction counts as none
 
 
 class Allocation(eqx.Module):
@@ -90,8 +87,7 @@ class Allocation(eqx.Module):
         return jax.lax.fori_loop(0, self.scale.size, share, begin)[0]
 
 
-_NEAR_SINGULAR = 0.05
-"""Singular value, over the largest one, below which the inverse is damped."""
+_NEAR_SINGULAR = 0.05  # singular value, over the largest one, below which the inverse is damped
 
 
 def damped_inverse(jacobian: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "n m"]:
@@ -109,8 +105,7 @@ def damped_inverse(jacobian: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "n m
     return (vt.T * (values / np.maximum(values, _NEAR_SINGULAR * largest) ** 2)) @ u.T
 
 
-_TAKEN = 1e-3
-"""Share of the excess over limits that counts as taken over by other inputs."""
+_TAKEN = 1e-3  # share of the excess over limits that counts as taken over by other inputs
 
 
 class PidMemory(eqx.Module):

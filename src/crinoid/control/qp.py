@@ -16,12 +16,9 @@ Inputs = Float[Array, " input"]
 Rows = Float[Array, "side input row"]
 Limits = Float[Array, "input row"]
 
-_TO_BOUNDARY = 0.995
-"""Share of the way to the nearest limit that a step of the interior point goes."""
-_CENTRED = 1e-13
-"""Complementarity over that of the start at which the interior point has arrived."""
-_NEAR = 1e-6
-"""Share of it below which it may only fall."""
+_TO_BOUNDARY = 0.995  # share of the way to the nearest limit that a step of the interior point goes
+_CENTRED = 1e-13  # complementarity over that of the start at which the interior point has arrived
+_NEAR = 1e-6  # share of it below which it may only fall
 _STIFFEST = 1e12
 """Weight of a limit over the curvature of the costs, beyond which round-off would win."""
 _PENALTY = 1e3
@@ -30,8 +27,7 @@ _POLISHES = 3
 _REFINEMENTS = 8
 _EXACT = 1e-9
 """Violation over the width of a limit, and gradient over that of the start, that count as none."""
-_NARROWEST = 1e-9
-"""Width between two limits, over the widest, that is left where they meet."""
+_NARROWEST = 1e-9  # width between two limits, over the widest, that is left where they meet
 
 
 class Solution(NamedTuple):

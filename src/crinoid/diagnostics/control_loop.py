@@ -21,8 +21,7 @@ from crinoid.scenario import Scenario, SineFlow, SurfaceWaves, percent
 _LARGE, _SEEN_RINGING = 0.25, 0.05
 """Shares of the median and of the largest force on the base above which unresolved vibrations
 deserve a note."""
-_STILL = 1e-6
-"""Accelerations below this are round-off (m/s2)."""
+_STILL = 1e-6  # accelerations below this are round-off (m/s2)
 
 
 def unresolved_vibrations(
@@ -84,20 +83,14 @@ _WINDOWS = 6
 _RISE, _GROWN = 1.25, 3.0
 """Growth of the error from one window to the next, and over the last four."""
 
-_NARROW = 0.6
-"""Share of the variance in one line of the spectrum that makes it an oscillation."""
-_LOBE = 2
-"""Half-width of a spectral line through a Hann window, in lines."""
+_NARROW = 0.6  # share of the variance in one line of the spectrum that makes it an oscillation
+_LOBE = 2  # half-width of a spectral line through a Hann window, in lines
 _CYCLES = 8
 _LASTING = 0.7
-_OVER_UNCONTROLLED = 2.0
-"""Amplitude of the oscillation over that without control."""
-_SEEN = 1e-3
-"""Smallest amplitude of an oscillation over the length of the arm."""
-_WORSE = 1.01
-"""Error over that without control that deserves a note."""
-_NOTHING = 1e-4
-"""Error over the length of the arm below which errors are not compared."""
+_OVER_UNCONTROLLED = 2.0  # amplitude of the oscillation over that without control
+_SEEN = 1e-3  # smallest amplitude of an oscillation over the length of the arm
+_WORSE = 1.01  # error over that without control that deserves a note
+_NOTHING = 1e-4  # error over the length of the arm below which errors are not compared
 
 
 class LimitCycle(NamedTuple):

@@ -14,12 +14,9 @@ from crinoid.scenario.simulation import Simulation
 
 Series = Float[np.ndarray, " time"]
 
-_NOTED = 0.02
-"""Defect over the largest energy or work that is worth a note."""
-_FAILED = 0.5
-"""Defect over the largest energy or work above which a run has failed."""
-_STILL = 1e-6
-"""Displacement over the length below which an arm is at rest."""
+_NOTED = 0.02  # defect over the largest energy or work that is worth a note
+_FAILED = 0.5  # defect over the largest energy or work above which a run has failed
+_STILL = 1e-6  # displacement over the length below which an arm is at rest
 _SHORTER = (2, 5, 10, 20, 50, 100)
 """Divisors of a time step; the shorter steps still divide all times that the step divides."""
 

@@ -11,10 +11,8 @@ from crinoid.dynamics import System
 from crinoid.foundation.axes import ANGLES
 from crinoid.scenario import percent
 
-_RESOLVED = 16
-"""Time steps between two commands that resolve the load to 10 %."""
-_LARGE = 0.25
-"""Share of the force on the base above which it deserves a note."""
+_RESOLVED = 16  # time steps between two commands that resolve the load to 10 %
+_LARGE = 0.25  # share of the force on the base above which it deserves a note
 
 
 def command_jumps(dataset: xr.Dataset, system: System, facts: Facts) -> Float[np.ndarray, " time"]:

@@ -8,12 +8,9 @@ from crinoid.assembly.facts import Facts
 from crinoid.results.chunks import pieces
 from crinoid.results.dimensionless import MOTION, bending, length_share, normal_velocity
 
-_CYCLES = 3.0
-"""Periods of a mode that lock-in must last to build up before a swing reverses it."""
-_SHEDDING = 50.0
-"""Reynolds number above which vortices are shed (Williamson 1996: 49)."""
-_NOTED = 0.05
-"""Share of the time, and of the length, above which lock-in deserves a note."""
+_CYCLES = 3.0  # periods of a mode that lock-in must last to build up before a swing reverses it
+_SHEDDING = 50.0  # Reynolds number above which vortices are shed (Williamson 1996: 49)
+_NOTED = 0.05  # share of the time, and of the length, above which lock-in deserves a note
 _MOSTLY = 0.5
 """Share of the time at a node above which lock-in to a mean flow counts, in spite of gaps."""
 

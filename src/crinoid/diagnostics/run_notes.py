@@ -20,20 +20,14 @@ from crinoid.scenario.water import Water
 _SUBCRITICAL = (1e3, 1e5)
 """Reynolds numbers between which the drag coefficient of a cylinder hardly changes
 (Sumer and Fredsoe 2006, chapter 2)."""
-_CRISIS = 2e5
-"""Reynolds number at which the drag of a smooth cylinder falls."""
-_OFF = 1.5
-"""Factor between a given drag coefficient and that of a cylinder that deserves a note."""
-_DRAG_SHARE = 0.1
-"""Share of the largest force on the base above which drag deserves a note."""
-_PRESSED = 0.01
-"""Penetration over the arm's radius above which contact deserves a note."""
-_AIR = 10.0
-"""Density of the fluid below which its drag damps no errors (kg/m3)."""
+_CRISIS = 2e5  # Reynolds number at which the drag of a smooth cylinder falls
+_OFF = 1.5  # factor between a given drag coefficient and that of a cylinder that deserves a note
+_DRAG_SHARE = 0.1  # share of the largest force on the base above which drag deserves a note
+_PRESSED = 0.01  # penetration over the arm's radius above which contact deserves a note
+_AIR = 10.0  # density of the fluid below which its drag damps no errors (kg/m3)
 _ACCUMULATED = 0.1
 """Sum of the local errors of all steps, over the motion of the tip, above which it is visible."""
-_STRAIN = 0.5
-"""Strain above which linear elasticity is wrong."""
+_STRAIN = 0.5  # strain above which linear elasticity is wrong
 _TORN = 10.0
 """Length of an edge over that at rest, or the inverse, at which rubber tears (Treloar 1975)."""
 

@@ -14,8 +14,7 @@ from crinoid.elements import ENERGIES, Element, Motion, Stretch, Tool, VortexFor
 from crinoid.numerics import banded, index_array
 from crinoid.numerics.frames import moments, unit
 
-_BENT = 3
-"""Nodes of a window that bends."""
+_BENT = 3  # nodes of a window that bends
 
 
 class Arm(eqx.Module):

@@ -36,8 +36,7 @@ from crinoid.elements.element import Motion
 from crinoid.numerics.frames import cross, dot, moments, rotate_90, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 
-_SIGN = np.array([[-1.0], [1.0]])
-"""Of the two edges of a node in their relative turn."""
+_SIGN = np.array([[-1.0], [1.0]])  # of the two edges of a node in their relative turn
 
 
 class Node(NamedTuple):

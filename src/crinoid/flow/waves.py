@@ -23,8 +23,7 @@ from crinoid.numerics.small_matrices import product
 
 _ANGLES = 721  # directions of a turn, both ends included
 _GOLDEN = (5**0.5 - 1) / 2
-_SLOWEST = 1e-100
-"""Speed of a current whose square is a number (m/s)."""
+_SLOWEST = 1e-100  # speed of a current whose square is a number (m/s)
 
 
 class Waves(Flow):

@@ -16,8 +16,7 @@ from jaxtyping import Array, Float, Int
 
 Index = Int[np.ndarray, "*grid k"] | Int[Array, "w k"]
 
-_MOST_PIECES = 4
-"""Largest number of slices in place of a loop."""
+_MOST_PIECES = 4  # largest number of slices in place of a loop
 
 
 def gather(rows: Float[Array, "n ..."], index: Index) -> Float[Array, "w k ..."]:

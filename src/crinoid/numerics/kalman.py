@@ -7,8 +7,7 @@ from jaxtyping import Bool, Float
 
 from crinoid.numerics.signals_and_systems import Matrix, gramian
 
-_ROUNDS = 100
-"""Largest number of passes through a pattern until the gains have settled."""
+_ROUNDS = 100  # largest number of passes through a pattern until the gains have settled
 _SETTLED = 1e-6
 
 

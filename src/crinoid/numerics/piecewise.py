@@ -13,8 +13,7 @@ from jaxtyping import Array, Float, Int
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-_EVEN = 1e-9
-"""Tolerance of even knots, over their spacing."""
+_EVEN = 1e-9  # tolerance of even knots, over their spacing
 
 
 class PiecewisePolynomial(eqx.Module):

@@ -4,8 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-_SLACK = 1e-9
-"""Tolerance of times for round-off (s)."""
+_SLACK = 1e-9  # tolerance of times for round-off (s)
 
 
 class Onset(eqx.Module):

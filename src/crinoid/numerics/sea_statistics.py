@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-_SHARE = 0.2
-"""Share of the variance in the band about the peak of a spectrum."""
+_SHARE = 0.2  # share of the variance in the band about the peak of a spectrum
 
 STATISTICS = (
     *("significant height (m)", "peak period (s)", "energy period (s)"),

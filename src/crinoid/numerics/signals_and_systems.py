@@ -28,10 +28,8 @@ def integral_time(series: Float[np.ndarray, " time"], interval: float) -> float:
 _SEGMENTS = 4
 _SHORTEST = 256
 
-_FEWEST = 64
-"""Fewest samples of a window."""
-_HOLES = 0.05
-"""Largest filled share of a window."""
+_FEWEST = 64  # fewest samples of a window
+_HOLES = 0.05  # largest filled share of a window
 
 _LENGTH = 8.4130926
 """2 pi 1.339, with 1.339 = Gamma(1/3) / (sqrt(pi) Gamma(5/6)): von Karman's eddies over L_u."""
@@ -172,12 +170,9 @@ def balanced(
     return Reduced(left @ A @ right, left @ B, C @ right, left, right, values)
 
 
-_SETTLED = 100
-"""Steps over which the response to inputs is summed."""
-_GROWN = 1e12
-"""Response of an unstable system that is not followed further."""
-_UNMOVED = 1e-9
-"""Motion of a state over the largest below which it is round-off."""
+_SETTLED = 100  # steps over which the response to inputs is summed
+_GROWN = 1e12  # response of an unstable system that is not followed further
+_UNMOVED = 1e-9  # motion of a state over the largest below which it is round-off
 
 
 def balanced_by_reach(

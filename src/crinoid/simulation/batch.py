@@ -40,8 +40,7 @@ from crinoid.simulation.sink import Sink, require_space, runs_in_memory
 
 __all__ = ["Arm", "on_processor", "play_batched", "run_batch"]
 
-_INSTANTS = 16
-"""Instants between two looks at the runs."""
+_INSTANTS = 16  # instants between two looks at the runs
 
 
 def play_batched(
@@ -163,8 +162,7 @@ def _of(tree: Any, row: int) -> Any:
 
 
 T = TypeVar("T")
-_LOOK = 0.1
-"""Time between two looks at what the threads do (s)."""
+_LOOK = 0.1  # time between two looks at what the threads do (s)
 _NOT_RUN = f"{Status.INTERRUPTED} before its end"
 
 

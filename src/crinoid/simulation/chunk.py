@@ -14,8 +14,7 @@ from crinoid.dynamics import ActingForces, FarEdges, Forces, Hull, Outcome, Stat
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState
 
-_MANY = 30_000
-"""Time steps from which a faster program pays for its longer compilation."""
+_MANY = 30_000  # time steps from which a faster program pays for its longer compilation
 CAPACITY = 512
 """Instants of a chunk; few enough that its loop over a long arm stays one function."""
 

@@ -13,10 +13,8 @@ from crinoid.simulation.external import moved_channels
 from crinoid.simulation.host_variables import DURATION, inputs_of, outputs_of, parameters_of
 from crinoid.simulation.session import Session
 
-_NEAR = 1e-6
-"""Share of a control period by which times may differ."""
-_ROUND_OFF = 1e-9
-"""Share of the time by which they may differ, as hosts sum them up."""
+_NEAR = 1e-6  # share of a control period by which times may differ
+_ROUND_OFF = 1e-9  # share of the time by which they may differ, as hosts sum them up
 
 
 class CoSimulation:

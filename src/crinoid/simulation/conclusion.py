@@ -39,8 +39,7 @@ from crinoid.simulation.sink import Build
 
 __all__ = ["conclude", "dataset_builder", "result_attributes"]
 
-_LATELY = 5
-"""Saved instants before a failure that show its vibrations."""
+_LATELY = 5  # saved instants before a failure that show its vibrations
 
 
 def start_failure(setup: Setup) -> str:

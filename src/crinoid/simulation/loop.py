@@ -244,8 +244,7 @@ _MIN_TIME = 0.05
 """Shortest CPU time of a measurement (s), which makes the call of the program negligible."""
 _REPEATS = 5
 _MOST_CALLS = 1 << 20
-_PERTURBATION = 1e-3
-"""By how much readings differ from one call to the next, in their units."""
+_PERTURBATION = 1e-3  # by how much readings differ from one call to the next, in their units
 
 
 def controller_cpu_time(loop: Loop, state: State) -> float:

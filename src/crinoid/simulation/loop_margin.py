@@ -38,11 +38,9 @@ _APART, _WIDEST = 1.3, 0.06
 _TICKS = 4000
 INDENTED = 1e-6
 """Growth of a motion over its angular frequency that counts as none."""
-_NOTHING = 1e-3
-"""Share of the largest integrator below which one is none."""
+_NOTHING = 1e-3  # share of the largest integrator below which one is none
 
-_WANTED = 0.2
-"""Modulus margin that the gains proposed leave."""
+_WANTED = 0.2  # modulus margin that the gains proposed leave
 _FACTORS = np.geomspace(1.0, 1e-6, 73)
 
 Loops = Complex[np.ndarray, "*water f input input"]

@@ -23,8 +23,7 @@ from crinoid.simulation.loop import LoopState
 __all__ = ["Sink", "require_space", "runs_in_memory"]
 
 _MAX_BYTES = 8e9
-_AT_THE_END = 2.7
-"""Copies of a number in memory while a result is assembled, as measured."""
+_AT_THE_END = 2.7  # copies of a number in memory while a result is assembled, as measured
 
 
 def require_space(scenario: Scenario, into: Path | None) -> None:
@@ -82,8 +81,7 @@ def _refuse(instants: int, nodes: int, size: float, most: float, where: str) -> 
         raise refusal("output.interval", text)
 
 
-_SAME = 1e-9
-"""Difference, of the largest number of its kind, that is round-off."""
+_SAME = 1e-9  # difference, of the largest number of its kind, that is round-off
 
 
 def resume_state(
@@ -163,8 +161,7 @@ def _check_steps(kept: xr.Dataset, carry: LoopState, stride: int, *, cut: bool) 
         raise ResultError(f"it has {held} and a state after {after}, which do not match")
 
 
-_EVERY = 4.0
-"""Seconds of computing after which a file is brought up to date."""
+_EVERY = 4.0  # seconds of computing after which a file is brought up to date
 _MOST_HELD = 6_000_000
 """Bytes of instants after which they are put into the file already, not to count before that."""
 _LOOSE = 64

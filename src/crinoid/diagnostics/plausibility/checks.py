@@ -24,8 +24,7 @@ from crinoid.scenario.model import Model, properties_of
 from crinoid.scenario.obstacle import Plane, Seabed
 from crinoid.scenario.quantity import unit_of
 
-_FAST = 5.0
-"""Speed of the fastest tidal currents (m/s)."""
+_FAST = 5.0  # speed of the fastest tidal currents (m/s)
 _ROPE = 150.0
 """Largest force per length times length cubed over EI: it bends over a fifth of the length."""
 _BENDING = {"N": (2, LIMP), "N/m": (3, LIMP), "N m": (1, 20.0)}
@@ -33,10 +32,8 @@ _BENDING = {"N": (2, LIMP), "N/m": (3, LIMP), "N m": (1, 20.0)}
 moment winds three turns."""
 _GREENHILL = 7.837
 """Force per length over EI / length^3 at which a cantilever buckles (Greenhill 1881)."""
-_EULER = math.pi**2 / 4
-"""Force over EI / length^2 at which a cantilever buckles."""
-_BECK = 20.05
-"""Force that follows the tip, over EI / length^2, under which it flutters (Beck 1952)."""
+_EULER = math.pi**2 / 4  # force over EI / length^2 at which a cantilever buckles
+_BECK = 20.05  # force that follows the tip, over EI / length^2, under which it flutters (Beck 1952)
 _ANGLES = (
     *("base.tilt_deg", "base.pan_deg", "base.roll_deg", "base.channels.*.range_deg"),
     *("base.motion.*.amplitude_deg", "base.motion.*.phase_deg", "base.motion.*.value_deg"),

@@ -21,12 +21,9 @@ Vector = Float[np.ndarray, " axis"]
 
 _TURNS, _STRETCH = 3.0, 0.5
 """Largest usual turns and stretch of the free arm under a chamber or tendon."""
-_PARTS = 32
-"""Parts of a thread over which turns and stretch are integrated."""
-_HARDLY = 1e-3
-"""Turns and stretch below which it does not seem to move."""
-_REACH = 1.05
-"""Distance of a target from the base over the arm's length."""
+_PARTS = 32  # parts of a thread over which turns and stretch are integrated
+_HARDLY = 1e-3  # turns and stretch below which it does not seem to move
+_REACH = 1.05  # distance of a target from the base over the arm's length
 _BENT = 0.05
 """Displacement of the tip over the arm's length by random water from which the start matters."""
 
