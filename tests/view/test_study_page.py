@@ -196,6 +196,21 @@ def test_the_page_of_a_sweep_has_the_indices_of_its_plan(tmp_path):
     assert not any("total" in each for each in measure["effects"])
 
 
+def test_keys_of_weighted_rows_vary_together_and_have_no_share(tmp_path):
+    spots = {"arm.length": [0.4, 0.5, 0.6] * 20, "arm.radius": [0.01, 0.02, 0.03] * 20}
+    plan = SweepDesign.of(load("still-water"), [], rows=spots)
+    (tmp_path / "plan.toml").write_text(plan.to_toml(), "utf-8")
+    rows = [
+        study_row(n, **(values := plan.values(n))) | {"rms_error": values["arm.length"]}
+        for n in range(1, plan.runs + 1)
+    ]
+    (measure, *_) = told(study_page_of(study_of_rows(tmp_path, rows), "", [None] * 60))["measures"]
+    assert measure["effects"]
+    write_study(tmp_path, rows)
+    (measure, *_) = told(write_page(tmp_path).read_text("utf-8"))["measures"]
+    assert not measure["effects"]
+
+
 def test_a_study_of_which_nothing_is_known_has_a_page(tmp_path):
     write_study(tmp_path, [study_row(1, status="diverged at 3 s", **dict.fromkeys(COLUMNS, ""))])
     (page,) = write_report(tmp_path)

@@ -21,7 +21,7 @@ from crinoid.results.scene.data import even_indices, in_space, is_spatial
 from crinoid.results.scene.projection import OBLIQUE, SIDE
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
-from crinoid.studies.sweep.plan import SweepDesign, read_plan
+from crinoid.studies.sweep.plan import ROWS, SweepDesign, read_plan
 from crinoid.studies.sweep.sampling import Index, indices_of
 from crinoid.view.figures.study import (
     MOST_KEYS,
@@ -148,8 +148,13 @@ def study_page_of(
 
 def _indices(
     cases: Sequence[Case], plan: SweepDesign | None
-) -> tuple[dict[str, list[Index]], list[str]]:
-    """Return Sobol's indices of each measure, and a note where SALib is not installed."""
+) -> tuple[dict[str, list[Index]] | None, list[str]]:
+    """Return Sobol's indices of each measure, and a note where SALib is not installed.
+
+    None of rows: their keys vary together, so that no share belongs to one of them.
+    """
+    if plan is not None and plan.sampling == ROWS:
+        return None, []
     if plan is None or plan.sampling != "saltelli":
         return {}, []
     found = {}
@@ -178,7 +183,7 @@ def _shares(study: Study, measure: StudyMeasure, indices: Sequence[Index]) -> li
 
 
 def _table(
-    study: Study, pages: Sequence[str | None], indices: Mapping[str, list[Index]]
+    study: Study, pages: Sequence[str | None], indices: Mapping[str, list[Index]] | None
 ) -> dict[str, Any]:
     short = short_keys([key.name for key in study.keys])
     return {
@@ -205,7 +210,9 @@ def _table(
                     float(f"{value:.8g}") if math.isfinite(value) else None
                     for value in (measure.values * measure.unit.factor).tolist()
                 ],
-                "effects": _shares(study, measure, indices.get(measure.name, [])),
+                "effects": []
+                if indices is None
+                else _shares(study, measure, indices.get(measure.name, [])),
             }
             for measure in study.measures
         ],
