@@ -124,14 +124,11 @@ def length_share(dataset: xr.Dataset) -> Float[np.ndarray, " node"]:
 class VelocityMoments(NamedTuple):
     """Moments of a velocity in time at each node, by the trapezoidal rule."""
 
-    time: float
-    """Length of the time interval (s)."""
-    mean: Float[np.ndarray, "node across"]
-    """Mean velocity (m/s)."""
+    time: float  # length of the time interval (s)
+    mean: Float[np.ndarray, "node across"]  # mean velocity (m/s)
     squared_deviation: Float[np.ndarray, "node across across"]
     """Integral of the squared deviation from the mean (m2/s)."""
-    rate: Float[np.ndarray, "node across across"]
-    """Integral of the squared rate of change (m2/s3)."""
+    rate: Float[np.ndarray, "node across across"]  # integral of the squared rate of change (m2/s3)
 
     @staticmethod
     def of(

@@ -19,8 +19,7 @@ class ActuatorDrive(NamedTuple):
 
     name: str
     thread: Chamber | Tendon | None  # None for an actuator that is neither
-    unit: str
-    """Pa, m3, N or m of chambers and tendons; of other actuators that of their input."""
+    unit: str  # Pa, m3, N or m of chambers and tendons; of other actuators that of their input
     state: Float[np.ndarray, " time"]
     """What it drives the arm with; below 0 on the other side of a pair."""
     command: Float[np.ndarray, " time"]

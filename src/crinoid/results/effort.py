@@ -37,10 +37,8 @@ class InputUse(NamedTuple):
 class VehicleUse(NamedTuple):
     """Motion of a floating vehicle, and the use of its thrusters."""
 
-    excursion: float
-    """Largest distance of its centre of mass from the start (m)."""
-    turn: float
-    """Largest pan, tilt or roll from the start (rad)."""
+    excursion: float  # largest distance of its centre of mass from the start (m)
+    turn: float  # largest pan, tilt or roll from the start (rad)
     max_thrust: float  # N
     rms_thrust: float  # N
     limit_share: float | None
@@ -50,13 +48,10 @@ class VehicleUse(NamedTuple):
 class SolverUse(NamedTuple):
     """Use of the time integration."""
 
-    simulated: float
-    """Time that was simulated (s)."""
+    simulated: float  # time that was simulated (s)
     steps: int
-    iterations_a_step: float
-    """Newton iterations a time step."""
-    wall_time: float
-    """Computing time (s)."""
+    iterations_a_step: float  # Newton iterations a time step
+    wall_time: float  # computing time (s)
 
 
 def solver_use(result: Result) -> SolverUse:
@@ -125,8 +120,7 @@ class CostWeights(NamedTuple):
 
     pose: tuple[float, ...]
     """Weights of the errors of the tip's pose; 0 for coordinates that are not controlled."""
-    inputs: tuple[float, ...]
-    """Weights of the commands."""
+    inputs: tuple[float, ...]  # weights of the commands
 
     @staticmethod
     def of(scenario: Scenario, units: Sequence[str]) -> "CostWeights":

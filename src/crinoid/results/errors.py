@@ -23,12 +23,10 @@ class TipError(NamedTuple):
 
     rms: float
     maximum: float
-    steady: float
-    """Mean over the last tenth of the run."""
+    steady: float  # mean over the last tenth of the run
     fluctuation: float
     """RMS distance of the tip from its own mean position, or angle from its own mean direction."""
-    p95: float
-    """95th percentile: the error that is exceeded 5 % of the time."""
+    p95: float  # 95th percentile: the error that is exceeded 5 % of the time
 
 
 _UNKNOWN = TipError(*[float("nan")] * len(TipError._fields))

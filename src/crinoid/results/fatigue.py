@@ -22,10 +22,8 @@ _AROUND = 16
 class FatigueLife(NamedTuple):
     """Life of the arm in the conditions of a run, where it is shortest."""
 
-    life: float
-    """Year of 365.25 days; infinite without a cycle."""
-    station: float
-    """Distance from the root along the arm at rest (m)."""
+    life: float  # year of 365.25 days; infinite without a cycle
+    station: float  # distance from the root along the arm at rest (m)
 
 
 def fatigue_life(result: Result) -> FatigueLife | None:

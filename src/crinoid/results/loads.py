@@ -29,8 +29,7 @@ class BaseLoad(NamedTuple):
 
     maximum: float
     rms: float
-    p95: float
-    """95th percentile."""
+    p95: float  # 95th percentile
 
 
 class Peak(NamedTuple):
@@ -51,21 +50,16 @@ class ContactExtremes(NamedTuple):
     time: float  # s
     force: float  # N
     gap: float  # m; negative where they overlap
-    obstacles: tuple[int, int, int]
-    """Their obstacles, in this order."""
+    obstacles: tuple[int, int, int]  # their obstacles, in this order
 
 
 class ContactSeries(NamedTuple):
     """Contact of the arm with itself or with the hull, at saved instants."""
 
-    force: Float[np.ndarray, " time"]
-    """Sum of the forces on the edges, each pair counted once (N)."""
-    gap: Float[np.ndarray, " time"]
-    """Smallest distance of the surfaces (m)."""
-    held: Bool[np.ndarray, " interval"]
-    """Whether there is contact from one instant to the next."""
-    time: float
-    """Time in contact (s)."""
+    force: Float[np.ndarray, " time"]  # sum of the forces on the edges, each pair counted once (N)
+    gap: Float[np.ndarray, " time"]  # smallest distance of the surfaces (m)
+    held: Bool[np.ndarray, " interval"]  # whether there is contact from one instant to the next
+    time: float  # time in contact (s)
 
     @property
     def largest_force(self) -> float:
@@ -81,12 +75,10 @@ class ContactSeries(NamedTuple):
 class BendingCycles(NamedTuple):
     """Cycles of the curvature where its range is largest, by rainflow counting (ASTM E1049-85)."""
 
-    station: float
-    """Distance from the root along the arm at rest (m)."""
+    station: float  # distance from the root along the arm at rest (m)
     ranges: Float[np.ndarray, " cycle"]
     """Ranges of the cycles (1/m), falling; those below 1 % of the largest do not count."""
-    counts: Float[np.ndarray, " cycle"]
-    """1 for a whole cycle, 0.5 for a half."""
+    counts: Float[np.ndarray, " cycle"]  # 1 for a whole cycle, 0.5 for a half
 
     @property
     def number(self) -> float:

@@ -74,10 +74,8 @@ class Measures(NamedTuple):
 
     numbers: dict[str, float]
     """By name, such as ``rms_error``; NaN where a run has no such number."""
-    speed: dict[str, float]
-    """RMS speed of each input that can move."""
-    unit: dict[str, str]
-    """Units of the speeds."""
+    speed: dict[str, float]  # RMS speed of each input that can move
+    unit: dict[str, str]  # units of the speeds
 
 
 def known(value: float | int | None) -> float | int | None:

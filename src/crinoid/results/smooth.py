@@ -32,8 +32,7 @@ class SeenMotion(eqx.Module):
     moment: Float[Array, "*time turn"]
     pressure: Float[Array, "*time thread"]
     command: Float[Array, "*time input"]
-    judged: int = eqx.field(static=True)
-    """Index of the first saved instant from which errors count."""
+    judged: int = eqx.field(static=True)  # index of the first saved instant from which errors count
     weights: CostWeights = eqx.field(static=True)
     """Weights of errors and inputs in the cost of a controller."""
 

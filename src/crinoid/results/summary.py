@@ -25,10 +25,8 @@ class SummaryEntry(NamedTuple):
 
     unit: str
     meaning: str
-    value: float | int | None
-    """None where a result has no such number."""
-    uncontrolled: float | int | None = None
-    """That of the run without control."""
+    value: float | int | None  # None where a result has no such number
+    uncontrolled: float | int | None = None  # that of the run without control
 
 
 def summarised(result: Result) -> dict[str, SummaryEntry]:

@@ -74,14 +74,10 @@ class ExternalCurrent(Everywhere):
 
     steady: ClassVar[bool] = False
     onset: Onset
-    begin: Time
-    """Start of the interval (s)."""
-    initial: Float[Array, " d"]
-    """Velocity at its start (m/s)."""
-    change: Float[Array, " d"]
-    """Rate of the velocity during it (m/s2)."""
-    moved: Float[Array, " d"]
-    """Displacement of the water until its start (m)."""
+    begin: Time  # start of the interval (s)
+    initial: Float[Array, " d"]  # velocity at its start (m/s)
+    change: Float[Array, " d"]  # rate of the velocity during it (m/s2)
+    moved: Float[Array, " d"]  # displacement of the water until its start (m)
 
     def at(self, time: Time) -> Float[Array, " d"]:
         return self.initial + (time - self.begin) * self.change
@@ -95,12 +91,9 @@ class ExternalMotion(BaseMotion):
     """Displacement of a channel from outside of the loop: cubic between points in time."""
 
     channel: int = eqx.field(static=True)
-    times: Float[Array, " point"]
-    """Times of the points (s), increasing."""
-    values: Float[Array, " point"]
-    """Displacements there (m or rad)."""
-    rates: Float[Array, " point"]
-    """Velocities there (m/s or rad/s)."""
+    times: Float[Array, " point"]  # times of the points (s), increasing
+    values: Float[Array, " point"]  # displacements there (m or rad)
+    rates: Float[Array, " point"]  # velocities there (m/s or rad/s)
 
     def displacement(self, time: Time) -> Float[Array, ""]:
         last = self.times.shape[0] - 1

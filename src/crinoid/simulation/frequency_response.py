@@ -25,8 +25,7 @@ class Plant(NamedTuple):
     stiffness: Bands
     damping: Bands
     mass: Bands
-    influence: Influence
-    """Loads of the inputs on it, and how its tip follows."""
+    influence: Influence  # loads of the inputs on it, and how its tip follows
 
     def response(self, frequency: Inexact[np.ndarray, " f"]) -> Complex[np.ndarray, "f pose input"]:
         """Return d(tip)/d(inputs) at frequencies (Hz); a negative imaginary part means growth.

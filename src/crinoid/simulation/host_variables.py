@@ -32,8 +32,7 @@ class HostVariable(NamedTuple):
     meaning: str
     start: float | int | None = None
     """Value at the start, of an input or a parameter; a whole number for the seed."""
-    shape: tuple[int, ...] = ()
-    """Shape of an array; empty for a number."""
+    shape: tuple[int, ...] = ()  # shape of an array; empty for a number
 
 
 class Outputs(NamedTuple):

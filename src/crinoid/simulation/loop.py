@@ -32,18 +32,13 @@ class LoopState(eqx.Module):
     """State of the closed loop, which one tick hands to the next."""
 
     state: State
-    books: EnergyAccount | None
-    """Energies, works and impulses; None in differentiable runs."""
+    books: EnergyAccount | None  # energies, works and impulses; None in differentiable runs
     sensors: tuple[SensorState, ...]
-    memory: Any
-    """Memory of the controller."""
-    ticks: Int[Array, ""]
-    """Commands given so far."""
+    memory: Any  # memory of the controller
+    ticks: Int[Array, ""]  # commands given so far
     command: Float[Array, " input"]
-    steps: Int[Array, ""]
-    """Time steps taken so far."""
-    tally: StepStatistics
-    """Sums over the time steps since the last instant that was saved."""
+    steps: Int[Array, ""]  # time steps taken so far
+    tally: StepStatistics  # sums over the time steps since the last instant that was saved
 
 
 class Loop(eqx.Module):

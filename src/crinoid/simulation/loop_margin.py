@@ -50,24 +50,18 @@ class Margin(NamedTuple):
     """Stability margins of a loop."""
 
     stable: bool
-    modulus: float
-    """Modulus margin: distance of an eigenvalue of the open loop from -1."""
-    gain: float
-    """By what all gains may be multiplied at most."""
-    frequency: float
-    """Where the modulus is least (Hz); 0 where an integrator has the wrong sign."""
+    modulus: float  # modulus margin: distance of an eigenvalue of the open loop from -1
+    gain: float  # by what all gains may be multiplied at most
+    frequency: float  # where the modulus is least (Hz); 0 where an integrator has the wrong sign
     least_gain: float = 0.0
     """By what all gains must be multiplied at least; 0 where they may be as small as they like."""
     phase: float = math.inf
     """Angle by which all commands may lag or lead (rad); infinite where no gain reaches 1."""
-    delay: float = math.inf
-    """Time by which all commands may come later (s)."""
+    delay: float = math.inf  # time by which all commands may come later (s)
     gain_frequency: float = math.nan
     """Where it swings with the largest gains (Hz); not a number where it never does."""
-    phase_frequency: float = math.nan
-    """Where it swings with the largest phase (Hz)."""
-    delay_frequency: float = math.nan
-    """Where it swings with the largest delay (Hz)."""
+    phase_frequency: float = math.nan  # where it swings with the largest phase (Hz)
+    delay_frequency: float = math.nan  # where it swings with the largest delay (Hz)
 
 
 class OpenLoop(NamedTuple):
@@ -77,8 +71,7 @@ class OpenLoop(NamedTuple):
     transfer: Loops
     integrated: Float[np.ndarray, "*water input input"]
     """Gain of the integral terms on slow commands (1/s)."""
-    waters: tuple[str, ...] = ("",)
-    """Names of the waters, in which drag damps the arm differently."""
+    waters: tuple[str, ...] = ("",)  # names of the waters, in which drag damps the arm differently
     stable: bool | None = None
     """Whether the closed loop is stable in all waters, where its poles are known. Else the number
     of turns round -1 decides, for a plant and a controller that are stable by themselves."""

@@ -23,12 +23,9 @@ class SteppedRun:
     ``capacity``. Who starts it sets the loop and its state, and may replace them later.
     """
 
-    loop: Loop
-    """The closed loop with the present numbers."""
-    state: LoopState
-    """State of the closed loop."""
-    failed: Outcome | None = None
-    """Outcome of the time step that failed, if one did."""
+    loop: Loop  # the closed loop with the present numbers
+    state: LoopState  # state of the closed loop
+    failed: Outcome | None = None  # outcome of the time step that failed, if one did
 
     def __init__(self, stride: int, capacity: int) -> None:
         self._stride, self._capacity, self._lock = stride, capacity, threading.RLock()

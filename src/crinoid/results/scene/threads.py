@@ -25,8 +25,7 @@ class ThreadLine:
     first: int  # first of the drawn nodes along it
     offset: Float[np.ndarray, "node 2"]
     """Offset along the directors m_1 and m_2, in the plane along its normal (m)."""
-    pair: bool
-    """Whether it has a partner on the other side, which shares below 0 drive."""
+    pair: bool  # whether it has a partner on the other side, which shares below 0 drive
     share: Float[np.ndarray, " time"]
     largest: str  # drive at a share of 1, with its unit
 
