@@ -77,6 +77,7 @@ ODD = [
     ("buoy-sea", "base.position=[0, 0, -1.5]; water.depth=1.8", "flow.0: got a significant"),
     ("buoy-sea", "base.position=[0, 0, -1.0]", "flow.0: got a significant height of 1.21 m"),
     ("ship-wake", "flow.0.speed=2", "flow.0.speed: got 2.0 m/s (speed / sqrt(g length) = 0.261)"),
+    ("ship-wake", "flow.0.distance=2", "flow.0.distance: got 2.0 m (distance / length = 0.333)"),
     ("ship-wake", "flow.0.beam=2", "flow.0.beam: got 2.0 m (beam / length = 0.333)"),
     ("ship-wake", "flow.0.time=25", "flow.0.time: got 25.0 s (time left when the wake arrives"),
     ("gust-front", "flow.0.start=60", "flow.0.start: got 60.0 s (time left in the run = "),

@@ -15,7 +15,7 @@ from crinoid.scenario.waves import SurfaceWaves
 
 _Size = Annotated[Metres, Field(ge=0.01, le=1000)]
 _DEEP = 0.7  # largest depth Froude number of waves as in deep water
-_LEAST, _MOST = 64, 10_000  # numbers of components
+_LEAST, _MOST = 256, 10_000  # numbers of components
 
 
 class ShipWakeFlow(SurfaceWaves):
@@ -30,24 +30,31 @@ class ShipWakeFlow(SurfaceWaves):
     speed: MetresPerSecond = Field(ge=0.1, le=100, description="Speed of the ship over the ground.")
     distance: Metres = Field(
         description="Smallest distance of the ship from the base at rest; positive: the base is "
-        "to port (left), negative: to starboard. At least half the length."
+        "to port (left), negative: to starboard. At least the beam."
     )
     direction_deg: Degrees = entry(0.0, "Course of the ship: 0 toward +x, 90 toward +y.")
     time: Seconds = entry(0.0, "Time at which it is nearest; negative: before the run.")
     length: _Size = Field(description="Length of the hull at the surface.")
-    beam: _Size = Field(description="Largest breadth of the hull at the surface.")
+    beam: _Size | None = entry(
+        None, "Largest breadth of the hull at the surface; by default a sixth of the length."
+    )
     draught: _Size = Field(description="Depth of the keel below the surface.")
 
     @property
     def state(self) -> None:
         return None
 
+    @property
+    def breadth(self) -> float:
+        """The beam, given or by default (m)."""
+        return self.length / 6 if self.beam is None else self.beam
+
     def misfits(self, scenario: Any) -> Iterator[tuple[str, str]]:
         """Yield keys that do not fit water and run, each with what its value must be."""
         depth, gravity = scenario.water.depth, scenario.water.gravity
         drift = math.hypot(*self.current(scenario))
-        if abs(self.distance) < (least := self.length / 2):
-            yield "distance", f"be {least:g} (m) or more, or -{least:g} or less, half the length"
+        if abs(self.distance) < (least := self.breadth):
+            yield "distance", f"be {least:.4g} (m) or more, or -{least:.4g} or less, the beam"
         if depth is not None and self.draught >= depth:
             yield "draught", f"be below water.depth = {depth} (m)"
         if self.speed <= drift:
@@ -61,9 +68,9 @@ class ShipWakeFlow(SurfaceWaves):
             yield "speed", f"{must}, above {_MOST}"
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        keys = ("speed", "distance", "time", "length", "beam", "draught")
+        keys = ("speed", "distance", "time", "length", "draught")
         place, count = scenario.base.position[:-1], self._components(scenario)
-        given = {"place": place, "components": count, **self.common(scenario)}
+        given = {"place": place, "components": count, "beam": self.breadth} | self.common(scenario)
         return self._made("ShipWake.passed", *keys, **given)
 
     def _through(self, scenario: Any) -> complex:

@@ -117,6 +117,9 @@ RANGES = (
     range_rule("flow.*.beam", 0.0, 0.25, "m", quantity="beam / length",
                of=lambda facts, value, flow: value / flow.length,
                above="The theory is that of a thin ship; its waves are too high."),
+    range_rule("flow.*.distance", 0.5, INF, "m", quantity="distance / length",
+               of=lambda facts, value, ship: abs(value) / ship.length,
+               below="The flow of the hull itself is left out."),
     range_rule("flow.*.time", 0.0, INF, "s", quantity="time left when the wake arrives",
                quantity_unit="s", limit="before the end of the run",
                of=lambda facts, value, ship: facts.scenario.simulation.duration - value
