@@ -64,6 +64,8 @@ MISTAKES = [
     (sweep(SPAN, sampling="lhs", count=10**9), "--count: got 1000000000"),
     (sweep(GRID, count=4), "--count: needs --sample"),
     (sweep(GRID, rows={YOUNG: [1e6]}), "--weights: excludes --vary"),
+    (sweep(f"{YOUNG}=1e5,2e5", rows={YOUNG: [1e5, 1e6]}), f"--vary: {YOUNG} lacks 1e[+]06, which"),
+    (sweep(f"{YOUNG}=1e5:1e6", rows={YOUNG: [1e5]}), f"--vary: {YOUNG} lacks 100000, which"),
     (sweep(rows={YOUNG: [1e6]}, sampling="lhs", count=4), "--weights: excludes --vary"),
     (sweep(rows={"arm.lengt": [0.3]}), "--weights: .*arm.lengt: unknown key; did you mean arm.len"),
     (sweep(GRID, sampling="rows"), "--sample: rows needs --weights FILE"),

@@ -164,6 +164,8 @@ def test_the_rows_of_a_table_are_the_cases(tmp_path):
     columns = [column(plan, key) for key in (*keys, "seed")]
     assert columns == [[0.1, 0.1, 0.2, 0.2], [0.2, 0.2, 1.0, 1.0], [0, 1, 0, 1]]
     assert plan.case(3).flow[0].amplitude == (0.0, 0.2)
+    spans = [f"{keys[0]}=0.1:0.3:3", f"{keys[1]}=0.2,0.5,1"]
+    assert SweepDesign.of(scenario, spans, rows=rows, seeds=2).to_dict() == plan.to_dict()
     assert len(plan.structures) == 1
     assert {1, 3} <= set(plan.examples(2))  # both rows
     again = SweepDesign.from_toml(plan.to_toml())

@@ -89,8 +89,7 @@ class Factors(NamedTuple):
     """``L``, the blocks of the row behind."""
     ahead: Float[Array, "half 2 m m"]
     """``C = inverse U``"""
-    meeting: Float[Array, "m m"]
-    """Inverse of the Schur complement where both ends meet."""
+    meeting: Float[Array, "m m"]  # inverse of the Schur complement where both ends meet
 
 
 @jax.jit

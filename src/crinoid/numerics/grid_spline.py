@@ -15,10 +15,8 @@ class GridSpline(eqx.Module):
     """
 
     coefficients: Float[Array, "..."]
-    origin: Float[Array, " axes"]
-    """Place of the first value (m)."""
-    spacing: Float[Array, " axes"]
-    """Distance of the values along each axis (m)."""
+    origin: Float[Array, " axes"]  # place of the first value (m)
+    spacing: Float[Array, " axes"]  # distance of the values along each axis (m)
 
     def clamped(self, place: Float[Array, " axes"]) -> Float[Array, " axes"]:
         """Return the nearest place inside of the grid (m)."""

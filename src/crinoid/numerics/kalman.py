@@ -24,10 +24,8 @@ class Correction(NamedTuple):
     """Correction of a Kalman filter by new readings."""
 
     gain: Matrix
-    innovation: Matrix
-    """Covariance of the readings less those expected."""
-    covariance: Matrix
-    """Covariance of the corrected states."""
+    innovation: Matrix  # covariance of the readings less those expected
+    covariance: Matrix  # covariance of the corrected states
 
     @staticmethod
     def of(ahead: Matrix, seen: Matrix, of_readings: Float[np.ndarray, " y"]) -> "Correction":
@@ -45,8 +43,7 @@ class Correction(NamedTuple):
 class StationaryFilter(NamedTuple):
     """Kalman filter for readings that arrive in a pattern that repeats."""
 
-    fresh: Bool[np.ndarray, "set y"]
-    """Sets of new readings."""
+    fresh: Bool[np.ndarray, "set y"]  # sets of new readings
     gains: Float[np.ndarray, "set z y"]
     """Gain for each of them, the mean over the calls that have it."""
     covariance: Matrix

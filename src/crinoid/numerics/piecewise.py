@@ -23,10 +23,8 @@ class PiecewisePolynomial(eqx.Module):
     """
 
     knots: Float[Array, " k"]
-    coefficients: Float[Array, "order k-1 c"]
-    """Highest power first."""
-    sums: Float[Array, "k-1 c"]
-    """Integral from the first knot to the start of each piece."""
+    coefficients: Float[Array, "order k-1 c"]  # highest power first
+    sums: Float[Array, "k-1 c"]  # integral from the first knot to the start of each piece
     even: bool = eqx.field(static=True)
     """Whether the knots are evenly spaced, so that no search is needed."""
 

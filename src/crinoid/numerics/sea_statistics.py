@@ -19,14 +19,11 @@ STATISTICS = (
 class SeaStatistics(NamedTuple):
     """Statistics of surface waves."""
 
-    height: float
-    """Significant height: four standard deviations (m)."""
+    height: float  # significant height: four standard deviations (m)
     peak_period: float
     """Period in the middle of the narrowest band with a fifth of the variance (s)."""
-    energy_period: float
-    """Mean period, weighted by the variance (s)."""
-    direction: float
-    """Mean direction of travel (rad); NaN where it is unknown."""
+    energy_period: float  # mean period, weighted by the variance (s)
+    direction: float  # mean direction of travel (rad); NaN where it is unknown
     spreading: float
     """Circular standard deviation of the direction (rad; Kuik et al. 1988), NaN as above."""
 

@@ -38,12 +38,9 @@ _LENGTH = 8.4130926
 class Spectrum(NamedTuple):
     """Spectral density of a fluctuation."""
 
-    frequency: Float[np.ndarray, " frequency"]
-    """Frequency (Hz)."""
-    density: Float[np.ndarray, "frequency place axis"]
-    """One-sided spectral density (m2 s-2/Hz)."""
-    sound: int
-    """Number of windows without holes, which are averaged; if there are none, all are."""
+    frequency: Float[np.ndarray, " frequency"]  # frequency (Hz)
+    density: Float[np.ndarray, "frequency place axis"]  # one-sided spectral density (m2 s-2/Hz)
+    sound: int  # number of windows without holes, which are averaged; if there are none, all are
     windows: int
 
 
@@ -125,8 +122,7 @@ class Reduced(NamedTuple):
     C: Float[np.ndarray, "y z"]
     left: Float[np.ndarray, "z x"]
     right: Float[np.ndarray, "x z"]
-    hankel: Float[np.ndarray, " h"]
-    """Hankel singular values of the decaying part, largest first."""
+    hankel: Float[np.ndarray, " h"]  # Hankel singular values of the decaying part, largest first
 
 
 def balanced(

@@ -98,9 +98,16 @@ class SweepDesign(Design):
             known.add(key)
             varied[key] = values
         if rows:
-            if known or sampling != "grid" or varied.keys() - rows.keys():
+            if sampling != "grid" or varied.keys() - rows.keys():
                 hint = "Leave them out: its rows are all cases."
-                raise refusal("--weights", f"excludes --vary, vary and --sample. {hint}")
+                raise refusal("--weights", f"excludes --vary of other keys and --sample. {hint}")
+            for key in known:
+                given = varied[key]
+                values = given if isinstance(given, list) else given.values() if given.count else []
+                there = {f"{each:.6g}" for each in values if isinstance(each, int | float)}
+                if lacking := {f"{each:.6g}" for each in rows[key]} - there:
+                    text = f"{key} lacks {min(lacking)}, which the table of --weights has"
+                    raise refusal("--vary", f"{text}. Leave it out: its rows are all cases.")
             varied, sampling = dict(rows), ROWS
         elif sampling == ROWS:
             raise refusal("--sample", "rows needs --weights FILE, which has them")
