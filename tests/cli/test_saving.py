@@ -601,7 +601,7 @@ def test_a_signal_while_saving_lets_the_result_be_saved(here, monkeypatch):
 
 def test_a_signal_while_the_table_is_written_waits_until_it_is(here, monkeypatch):
     assert call(*RUN_STUDY).exit_code == 0
-    write, written = study.write_rows, []
+    write, written = study.metrics.write_rows, []
 
     def interrupted(path: Path, rows: list[dict[str, object]]) -> None:
         written.append(len(rows))
@@ -609,7 +609,7 @@ def test_a_signal_while_the_table_is_written_waits_until_it_is(here, monkeypatch
             signal.raise_signal(signal.SIGINT)
         write(path, rows)
 
-    monkeypatch.setattr(study, "write_rows", interrupted)
+    monkeypatch.setattr(study.metrics, "write_rows", interrupted)
     ended = call(*RUN_STUDY, "--resume")
     assert "interrupted before case-03; --resume goes on from there" in one_line(ended, 130)
     assert "wrote out/cases.csv" in ended.stdout

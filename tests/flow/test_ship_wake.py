@@ -10,7 +10,7 @@ from scipy.integrate import quad
 import crinoid
 from crinoid.flow import ShipWake
 from crinoid.flow.ship_wake import amplitude
-from crinoid.flow.waves import dispersion
+from crinoid.numerics.dispersion import dispersion
 from crinoid.numerics.ramp import Onset
 
 GRAVITY, SPEED, DISTANCE = 9.81, 3.0, 8.0

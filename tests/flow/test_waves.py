@@ -9,7 +9,9 @@ import pytest
 import crinoid
 from crinoid.assembly.arrays import build_flow
 from crinoid.flow import Jet, Waves
-from crinoid.flow.waves import deep_wave_number, jonswap, stopped, wave_number
+from crinoid.flow.wave_number import wave_number
+from crinoid.flow.waves import jonswap
+from crinoid.numerics.dispersion import deep_wave_number, stopped
 from crinoid.numerics.ramp import Onset
 from helpers.currents import gradients, numbers
 

@@ -7,7 +7,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from crinoid.flow.waves import deep_wave_number, jonswap
+from crinoid.flow.waves import jonswap
+from crinoid.numerics.dispersion import deep_wave_number
 from crinoid.numerics.signals_and_systems import Spectrum, integral_time, spectrum, von_karman
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import described

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Jet, Point, Time
-from crinoid.flow.waves import Waves, dispersion
+from crinoid.flow.waves import Waves
 from crinoid.foundation.fixed_numbers import SPECTRUM_HIGHEST
+from crinoid.numerics.dispersion import dispersion
 from crinoid.numerics.ramp import Onset
 
 _STEEPEST = (SPECTRUM_HIGHEST**2 - 1) ** 0.5

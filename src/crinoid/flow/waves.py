@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -11,19 +12,14 @@ from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Flow, Jet, Point, Time
 from crinoid.flow.turbulence import cosine, cosine_and_sine
-from crinoid.foundation.fixed_numbers import (
-    DEEP_WATER,
-    SPECTRUM_HIGHEST,
-    SPECTRUM_LOWEST,
-    WAVE_NUMBER_CHANGE,
-    WAVE_NUMBER_STEPS,
-)
+from crinoid.flow.wave_number import wave_number
+from crinoid.foundation.fixed_numbers import DEEP_WATER, SPECTRUM_HIGHEST, SPECTRUM_LOWEST
+from crinoid.numerics.dispersion import deep_wave_number, stopped
 from crinoid.numerics.ramp import Onset
 from crinoid.numerics.small_matrices import product
 
 _ANGLES = 721  # directions of a turn, both ends included
 _GOLDEN = (5**0.5 - 1) / 2
-_SLOWEST = 1e-100  # speed of a current whose square is a number (m/s)
 
 
 class Waves(Flow):
@@ -195,9 +191,8 @@ class Waves(Flow):
 
             # straight lines would spread a narrow sea between few directions
             fine = np.linspace(turn[0], turn[-1], _ANGLES)
-            among = CubicSpline(
-                turn, _interpolated(frequency, directional, found).T, bc_type="periodic"
-            )
+            rows = np.apply_along_axis(partial(np.interp, found, frequency), 0, directional)
+            among = CubicSpline(turn, rows.T, bc_type="periodic")
             pairs = zip(np.maximum(among(fine), 0.0).T, _even(components, generator), strict=True)
             turns = np.array([_quantiles(fine, row, share) for row, share in pairs])
         else:
@@ -326,69 +321,6 @@ def jonswap(relative: Float[np.ndarray, " f"], gamma: float) -> Float[np.ndarray
     return relative**-5.0 * np.exp(-1.25 * relative**-4.0) * peak
 
 
-def deep_wave_number(frequency: Any, gravity: Any, current: Any = 0.0) -> Any:
-    """Return `wave_number` in deep water: the root of ``sqrt(g k) + k U = omega``."""
-    return (2 * frequency / (1 + (1 + 4 * current * frequency / gravity) ** 0.5)) ** 2 / gravity
-
-
-def wave_number(frequency: Any, depth: Any, gravity: Any, current: Any = 0.0) -> Float[Array, " f"]:
-    """Solve the dispersion relation ``omega = sigma + k U`` for ``k`` (rad/m); traceable.
-
-    ``sigma^2 = g k tanh(k h)``. ``current`` is ``U`` along the direction of travel (m/s). Against
-    it, of two solutions the one whose energy travels on; NaN of a wave that it stops.
-    """
-
-    def improved(number: Array, given: tuple[Array, ...]) -> Array:
-        frequency, depth, gravity, current = given
-        sigma, group = dispersion(number, depth, gravity, jnp)
-        return number + (frequency - sigma - number * current) / (group + current)
-
-    given = tuple(jnp.asarray(each, float) for each in (frequency, depth, gravity, current))
-    omega, height, pull, speed = fixed = jax.lax.stop_gradient(given)
-    # sigma is at most that of deep and of shallow water: so both numbers are too small, and as
-    # the residual is concave Newton's method only rises from there
-    shallow = omega / (jnp.sqrt(pull * height) + speed)
-    first = jnp.maximum(deep_wave_number(omega, pull, speed), shallow)
-
-    def rises(state: tuple[Array, Array, Array]) -> Array:
-        count, before, now = state
-        moved = jnp.abs(now - before) > WAVE_NUMBER_CHANGE * now
-        return (count < WAVE_NUMBER_STEPS) & jnp.any(moved)
-
-    def rise(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        count, _, now = state
-        return count + 1, now, improved(now, fixed)
-
-    start = (jnp.asarray(0), first, improved(first, fixed))
-    _, _, found = jax.lax.while_loop(rises, rise, start)
-    # one more step has the derivative of the solution
-    return improved(found, given)
-
-
-def stopped(against: Any, depth: float | None, gravity: float) -> Float[np.ndarray, "*f"]:
-    """Return the lowest frequency at a fixed point that a current stops waves of (rad/s).
-
-    ``against`` is its speed against the waves (m/s); infinite where it does not run against them.
-    Where waves are stopped their energy travels as fast as the water comes.
-    """
-    against = np.asarray(against, float)
-    against = np.where(against < _SLOWEST, 0.0, against)
-    fast = np.full(against.shape, False) if depth is None else against**2 >= gravity * depth
-    found = np.where(fast, 0.0, np.inf)
-    slow = against[(against > 0) & ~fast]
-    high = gravity / (4 * slow**2)  # that of deep water
-    if depth is not None and slow.size:
-        low, high = 0 * slow, np.maximum(high, 1 / depth)
-        while np.any(behind := dispersion(high, depth, gravity)[1] > slow):
-            high = np.where(behind, 2 * high, high)
-        for _ in range(100):
-            middle = 0.5 * (low + high)
-            ahead = dispersion(middle, depth, gravity)[1] > slow
-            low, high = np.where(ahead, middle, low), np.where(ahead, high, middle)
-    found[(against > 0) & ~fast] = dispersion(high, depth, gravity)[0] - high * slow
-    return np.where(against > 0, found, np.inf)
-
-
 def _about(
     direction: float, spreading: float | None, count: int, generator: np.random.Generator
 ) -> Float[np.ndarray, " m"]:
@@ -410,27 +342,7 @@ def _headings(angles: Float[np.ndarray, " m"], axes: int) -> Float[np.ndarray, "
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, :axes]
 
 
-def _interpolated(
-    at: Float[np.ndarray, " x"], rows: Float[np.ndarray, "x c"], to: Float[np.ndarray, " y"]
-) -> Float[np.ndarray, "y c"]:
-    """Return rows at other places, by straight lines between those given."""
-    place = np.interp(to, at, np.arange(at.size))
-    before = np.minimum(place.astype(int), at.size - 2)
-    part = (place - before)[:, None]
-    return (1 - part) * rows[before] + part * rows[before + 1]
-
-
 def _quantiles(grid: Float[np.ndarray, " x"], density: Float[np.ndarray, " x"], shares: Any) -> Any:
     """Return where shares of the integral of a density lie below."""
     below = np.append(0.0, np.cumsum((density[1:] + density[:-1]) * np.diff(grid)))
     return np.interp(shares, below / below[-1], grid)
-
-
-def dispersion(number: Any, depth: Any, gravity: Any, xp: Any = np) -> tuple[Any, Any]:
-    """Return the frequency from the water (rad/s) and the speed of the energy (m/s)."""
-    if depth is None:
-        sigma = xp.sqrt(gravity * number)
-        return sigma, sigma / (2 * number)
-    tanh = xp.tanh(number * depth)
-    sigma = xp.sqrt(gravity * number * tanh)
-    return sigma, gravity * (tanh + number * depth * (1 - tanh**2)) / (2 * sigma)

@@ -101,7 +101,7 @@ def _wave_conflicts(scenario: Scenario) -> Iterator[Mistake]:
         against = -wave.current_along(scenario)
         if against <= 0 or not scenario.water.gravity or wave.state is None:
             continue
-        stopped = resolve_name("crinoid.flow.waves:stopped")
+        stopped = resolve_name("crinoid.numerics.dispersion:stopped")
         frequency = float(stopped(against, scenario.water.depth, scenario.water.gravity))
         # of irregular waves those that the spectrum has little of may be stopped
         least = 2 * math.pi * (1.0 if wave.state.regular else 2.0)

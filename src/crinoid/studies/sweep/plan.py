@@ -56,8 +56,7 @@ class SweepDesign(Design):
     count: int = 1  # number of sampled points, or of blocks of points (`sample`)
     seeds: int = 1  # number of seeds of each combination
     batch: int = 1  # largest number of runs in a batch
-    files: Mapping[str, str] = field(default_factory=dict)
-    """Digest of each file that the scenario names."""
+    files: Mapping[str, str] = field(default_factory=dict)  # digest of each file of the scenario
 
     def __post_init__(self) -> None:
         """Set the axes: values of keys, samples, seeds."""
@@ -72,8 +71,7 @@ class SweepDesign(Design):
             points = points_of(self.sampling, self.count, len(self._spans))
             axes[_SAMPLE] = Levels(points, self._sampled)
         if self.seeds > 1:
-            first = self.scenario.seed
-            axes[SEED] = Levels.of(SEED, range(first, first + self.seeds))
+            axes[SEED] = Levels.of(SEED, range(self.scenario.seed, self.scenario.seed + self.seeds))
         object.__setattr__(self, "axes", axes)
 
     @staticmethod
@@ -119,8 +117,7 @@ class SweepDesign(Design):
         _check(found, sampling, count, seeds, batch)
         read = digests({**alone.to_dict(), "vary": found})
         plan = SweepDesign(alone, found, sampling, count or 1, seeds, files=read)
-        size = min(_MOST_IN_A_BATCH, -(-plan.runs // _MOST_BATCHES))
-        plan = replace(plan, batch=batch or size)
+        plan = replace(plan, batch=batch or min(_MOST_IN_A_BATCH, -(-plan.runs // _MOST_BATCHES)))
         plan._check_runs()
         for run in plan.examples(_FIRST)[:_FIRST]:
             with mistakes_at(plan.option, case_words(plan.values(run))):
@@ -205,7 +202,6 @@ class SweepDesign(Design):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as tables."""
-        spans = {key: str(v) if isinstance(v, Span) else v for key, v in self.varied.items()}
         return {
             "version": __version__,
             "sampling": self.sampling,
@@ -213,7 +209,7 @@ class SweepDesign(Design):
             "seeds": self.seeds,
             "batch": self.batch,
             "files": dict(self.files),
-            "varied": spans,
+            "varied": {k: str(v) if isinstance(v, Span) else v for k, v in self.varied.items()},
             "scenario": self.scenario.to_dict(),
         }
 
@@ -221,8 +217,7 @@ class SweepDesign(Design):
     def from_toml(text: str) -> SweepDesign:
         """Read a plan that `to_toml` wrote; a `ScenarioError` if it is none of this version."""
         found = parse(text)
-        version = found.pop("version", None)
-        if version != __version__:
+        if (version := found.pop("version", None)) != __version__:
             raise refusal("version", got(version, f"be {shown(__version__)}"))
         for name, kind in _KINDS.items():
             if type(found.get(name)) is not kind:
@@ -247,9 +242,10 @@ class SweepDesign(Design):
         structures = prod(self.axes[key].count for key in self._structural)
         batches = max(structures, -(-self.runs // self.batch))
         if batches > _MOST_FILES:
-            text = f"makes {batches} batches, a file each; must make at most {_MOST_FILES}"
-            hint = "Raise it, or give keys such as arm.nodes fewer values."
-            raise refusal("--batch", f"{text}. {hint}")
+            text = f"makes {batches} batches, a file each; must make at most {_MOST_FILES}. "
+            raise refusal(
+                "--batch", text + "Raise it, or give keys such as arm.nodes fewer values."
+            )
 
     @cached_property
     def _structural(self) -> set[str]:
@@ -315,10 +311,9 @@ def _check(
         raise refusal("--count", got(count, f"be at most {MOST_RUNS}"))
     spans = [key for key, values in varied.items() if isinstance(values, Span)]
     sizes = [(v.count or 1) if isinstance(v, Span) else len(v) for v in varied.values()]
-    if sampling == ROWS:
-        if len(set(sizes)) != 1:
-            raise refusal("varied", f"got {sizes} values in rows; must be as many of each key")
-        sizes = sizes[:1]
+    if sampling == ROWS and len(set(sizes)) != 1:
+        raise refusal("varied", f"got {sizes} values in rows; must be as many of each key")
+    sizes = sizes[:1] if sampling == ROWS else sizes
     if (runs := prod(sizes) * seeds) > MOST_RUNS:
         raise refusal("--vary", f"makes {runs} runs; must make at most {MOST_RUNS}")
     without = [key for key in spans if varied[key].count is None]

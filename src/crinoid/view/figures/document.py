@@ -49,6 +49,7 @@ CAPTIONS = {
     "flow": "Velocity of the current over time.",
     "spectrum": "Spectral density of the current.",
     "profile": "Mean and standard deviation of the current over the height.",
+    "waves": "Waves of the file, and the components that represent them.",
     "record": "Velocity, spectrum and histogram of the record.",
     "modes": "Small vibrations about the equilibrium.",
     "curve": "Equilibria over a number of the scenario.",
