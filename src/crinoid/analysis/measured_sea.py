@@ -1,4 +1,4 @@
-"""Surface waves in files beside the components that represent them."""
+"""Comparison of a measured sea with the components that represent it."""
 
 from typing import Any
 

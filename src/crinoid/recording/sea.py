@@ -1,4 +1,4 @@
-"""Surface waves in files: what is known of them, ready for a run."""
+"""A measured sea: its statistics, and the arguments of the flow that represents it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

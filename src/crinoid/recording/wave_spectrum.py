@@ -132,7 +132,7 @@ def _numbers(
 
 
 def _hertz(units: str) -> float | None:
-    """Return the factor to Hz; None also of rad/s, which the library of units takes for 1/s."""
+    """Return the factor to Hz; None of rad/s, which the library of units converts as 1/s."""
     return None if "rad" in units else factor(units, to="Hz")
 
 

@@ -1,4 +1,4 @@
-"""Figure of surface waves in files beside the components that represent them."""
+"""Figure that compares a measured sea with the components that represent it."""
 
 import re
 

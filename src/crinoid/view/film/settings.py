@@ -23,7 +23,7 @@ RAMPS = {
 }
 """Colours along the arm of values with one sign, and with two: neither of them those of a run."""
 FOLLOWED = ("none", "tip", "base")
-OTHER = ("ghost", "beside", "none")  # how a film shows the run without control
+OTHER = ("ghost", "beside", "none")  # places of the run without control in a film
 
 _SMALLEST, _LARGEST = 160, 3840  # pixels
 
