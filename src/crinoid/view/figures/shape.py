@@ -209,7 +209,7 @@ def draw_shape(run: Result) -> Figure:
 def _panels(
     low: PaperPoint, high: PaperPoint, run: Result, about: str
 ) -> tuple[Figure, list[Axes], bool]:
-    """Return axes of equal size with the limits of a window, and whether the legend fits right of them.
+    """Return axes of equal size with the limits of a window, and whether a legend fits at right.
 
     `about` is the origin of positions, other than that of the world. Equal axes leave a layout
     engine gaps, so the figure is cut to the panels instead; everything here is in inches.
